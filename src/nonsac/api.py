@@ -1,0 +1,210 @@
+"""The calls that most users need: choose the parts, run the pipeline."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner
+from nonsac.estimators import Estimator, OrientedPairs, Pcr99
+from nonsac.executors import Workers
+from nonsac.overlap import Overlap
+from nonsac.pipeline import Stopwatch, estimate
+from nonsac.problems import OrientedRegistration, Registration
+from nonsac.refine import Refiner
+from nonsac.result import Array, Result, Status, failed
+from nonsac.sampling import canonical_seed
+from nonsac.scoring import ScoringRule, TruncatedLp
+from nonsac.sources import AllPairsSource, ArraySource
+from nonsac.surfaces import Surface
+
+Random = int | np.random.Generator | None
+Progress = Callable[[int, int], object]
+
+
+def register_clouds(
+    source: ArrayLike,
+    target: ArrayLike,
+    *,
+    samples: int = 40,
+    sample_size: int = 2000,
+    workers: Workers = None,
+    rng: Random = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Register two raw point clouds: no matches, no descriptors, no initial guess.
+
+    Both clouds are thinned, every source point is hypothesised to match every target point, and NONSAC samples of
+    these pairs give motions, which are ranked by how well they make the clouds overlap. The best distinct answers
+    are compared on the dense surfaces, and the winner is aligned finely on the full clouds.
+
+    Parameters
+    ----------
+    source, target : (n, 3) and (k, 3) array
+        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped.
+    samples, sample_size : int
+        At most this many samples of this many hypothesised pairs; fewer where several samples agree early.
+    workers : None, int or concurrent.futures.Executor
+        One thread for each core, this many threads, or an executor. The answer is the same, bit for bit.
+    rng : int, numpy Generator or None
+    progress : callable, optional
+        Called as `progress(done, samples)`.
+
+    Returns
+    -------
+    Result
+        `T` maps the source into the target's frame. `num_inliers` of `num_rows` thinned points of both clouds lie in
+        the other's surface. `status` is `AMBIGUOUS` where a clearly different answer does nearly as well (see
+        `alternatives`), `LOW_SUPPORT` where too little of the clouds coincides.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Where an array is not (n, 3) numbers; the message names it.
+    """
+    clock = Stopwatch()
+    seed = canonical_seed(rng)
+    clouds, dropped = zip(*(_finite_cloud(p, n) for p, n in ((source, "source"), (target, "target"))), strict=True)
+    info = {"seed": seed, "dropped_source": dropped[0], "dropped_target": dropped[1]}
+    reason = next(filter(None, map(_unusable, clouds)), None)
+    if reason is not None:
+        return failed(reason, float("nan"), info)
+
+    frame = CommonFrame.of(*clouds)
+    full_source = (clouds[0] - frame.source_origin) / frame.unit
+    full_target = (clouds[1] - frame.target_origin) / frame.unit
+    surfaces = [Surface.from_points(points) for points in (full_source, full_target)]
+    spacing = max(min(s.spacing for s in surfaces), 0.5 * max(s.spacing for s in surfaces))
+    overlap = Overlap.between(*(s.with_spacing(spacing) for s in surfaces), 1.5 * spacing, 0.6 * spacing)
+    clock.lap("preparation")
+
+    result = estimate(
+        AllPairsSource(overlap.source.oriented, overlap.target.oriented),
+        OrientedRegistration(),
+        OrientedPairs(overlap, tolerance=0.6 * spacing, smallest_distance=3.0 * spacing),
+        noise=overlap.reach / 5.0,
+        samples=samples,
+        sample_size=sample_size,
+        rule=TruncatedLp(1.0),
+        refine=SurfaceRefiner(overlap, frame, full_source, full_target),
+        stop=Agreement(overlap.reach),
+        workers=workers,
+        rng=seed,
+        progress=progress,
+    )
+    seconds = clock.laps | result.info.pop("seconds")
+    return replace(
+        result,
+        T=frame.to_target(result.T[:3]),
+        noise=result.noise * frame.unit,
+        threshold=result.threshold * frame.unit,
+        info=info | result.info | {"spacing": spacing * frame.unit, "seconds": seconds},
+    )
+
+
+def register_pairs(
+    source: ArrayLike,
+    target: ArrayLike,
+    *,
+    noise: float,
+    scale: float | None = 1.0,
+    samples: int = 10,
+    sample_size: int = 2000,
+    estimator: Estimator | None = None,
+    rule: str | ScoringRule = "tlp_0.1",
+    refine: str | Refiner = "union",
+    workers: Workers = None,
+    rng: Random = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Register matched 3D points: row i of `source` is hypothesised to match row i of `target`.
+
+    Parameters
+    ----------
+    source, target : (n, 3) array
+        Rows with NaN or infinity are dropped.
+    noise : float
+        Standard deviation of a right match per coordinate, in the unit of the data; rows with a residual below
+        5 `noise` are inliers.
+    scale : float or None
+        The known scale between the clouds, 1 for a rigid motion; None estimates it.
+    samples, sample_size, estimator, rule, refine, workers, rng, progress
+        As in `nonsac.estimate`; the default estimator is the paper's variant of PCR-99 (Sec. 4.3), or the published
+        one where the scale is free.
+
+    Returns
+    -------
+    Result
+        `T` maps the source into the target's frame.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Where the arrays are not (n, 3) numbers of equal length, or another argument is out of its range.
+    """
+    a, b = _cloud(source, "source"), _cloud(target, "target")
+    if len(a) != len(b):
+        raise ValueError(
+            f"register_pairs needs source[i] to match target[i]; got {len(a)} and {len(b)} rows. "
+            "For unmatched clouds use register_clouds."
+        )
+    if estimator is None:
+        estimator = Pcr99() if scale is None else Pcr99.for_pairs()
+    rows = np.hstack([a, b])
+    dropped = int(len(rows) - np.isfinite(rows).all(axis=1).sum())
+    _warn_dropped(dropped, len(rows), "pairs")
+    result = estimate(
+        ArraySource(rows),
+        Registration(scale),
+        estimator,
+        noise=noise,
+        samples=samples,
+        sample_size=sample_size,
+        rule=rule,
+        refine=refine,
+        workers=workers,
+        rng=rng,
+        progress=progress,
+    )
+    return replace(result, info=result.info | {"dropped": dropped})
+
+
+def _cloud(points: ArrayLike, name: str) -> Array:
+    """The points as a (n, 3) array of their own dtype, or an error that says what is wrong with them."""
+    array = np.asanyarray(points)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must be an array of real numbers (n, 3), got dtype {array.dtype}")
+    if array.ndim == 2 and array.shape[0] == 3 and array.shape[1] > 3:
+        raise ValueError(f"{name} must have one point in each row (n, 3), got {array.shape}: pass {name}.T")
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{name} must have one point in each row (n, 3), got shape {array.shape}")
+    return array
+
+
+def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:
+    """The finite points as float64, and how many were dropped."""
+    array = _cloud(points, name)
+    finite = np.isfinite(array).all(axis=1)
+    dropped = int(len(array) - finite.sum())
+    _warn_dropped(dropped, len(array), f"{name} points")
+    return np.array(array[finite] if dropped else array, np.float64, order="C"), dropped
+
+
+def _warn_dropped(dropped: int, total: int, what: str) -> None:
+    if dropped:
+        warnings.warn(f"dropped {dropped} of {total} {what} with NaN or infinite coordinates", stacklevel=4)
+
+
+def _unusable(points: Array) -> Status | None:
+    """Why these points cannot be registered, if they cannot."""
+    if len(points) < 3:
+        return Status.TOO_FEW
+    centred = points - points.mean(axis=0)
+    spread = np.linalg.svd(centred.T @ centred / len(points), compute_uv=False)
+    if not spread[0] > 0:
+        return Status.DEGENERATE
+    return Status.DEGENERATE if spread[1] < 1e-8 * spread[0] else None

@@ -1,0 +1,169 @@
+"""PCR-99: three-point sampling ordered by pairwise consistency, prescreened by triplet consistency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nonsac.kernels.consistency import (
+    count_consistent_distances,
+    count_consistent_ratios,
+    ranked_triplets,
+    screened_triplets,
+)
+from nonsac.problems import Problem, Registration
+from nonsac.result import Array, Hypothesis
+
+_BATCH = 1000
+
+
+@dataclass(frozen=True)
+class Pcr99:
+    """PCR-99 (Lee, Civera and Vandewalle, "PCR-99: a practical method for point cloud registration with 99 percent
+    outliers", 2024) and the variants of it in the NONSAC paper, as settings of one class.
+
+    Every row is scored by the number of other rows that it is pairwise consistent with. Triplets of rows are drawn
+    best first, in order of the sum of their ranks, and only those whose three pairs are consistent become models.
+    The model with the most inliers is refitted to its inliers until they no longer grow.
+
+    The class methods give the published settings; no n x n matrix is ever held.
+
+    Parameters
+    ----------
+    compare : "log_ratio" or "distance"
+        Whether two rows are consistent when the logarithm of the ratio of their distances in the two clouds agrees
+        (published; needed for an unknown scale), or when the distances themselves do (NONSAC, Sec. 4.3 and 4.4).
+    order : "ranked" or "random"
+        Triplets in order of rank sum, or uniformly at random.
+    tolerance : float
+        Of the consistency tests: of the log ratio, or a multiple of the inlier threshold for "distance".
+    enough_inliers : float or None
+        Stop when this share of the rows, and at least nine, are inliers. None never stops for it.
+    min_valid, max_valid, max_drawn : int
+        Consistent triplets below which the search does not stop, at which it stops, and triplets drawn in all.
+    """
+
+    compare: Literal["log_ratio", "distance"] = "log_ratio"
+    order: Literal["ranked", "random"] = "ranked"
+    tolerance: float = 0.1
+    enough_inliers: float | None = 0.009
+    min_valid: int = 0
+    max_valid: int = 100_000
+    max_drawn: int = 10_000_000
+
+    def __post_init__(self) -> None:
+        if self.compare not in ("log_ratio", "distance"):
+            raise ValueError(f'compare must be "log_ratio" or "distance", got {self.compare!r}')
+        if self.order not in ("ranked", "random"):
+            raise ValueError(f'order must be "ranked" or "random", got {self.order!r}')
+        if not self.tolerance > 0:
+            raise ValueError(f"tolerance must be positive, got {self.tolerance!r}")
+
+    @classmethod
+    def for_pairs(cls) -> Pcr99:
+        """The variant of Sec. 4.3: distances; 1,000 consistent or 10,000 drawn triplets."""
+        return cls(
+            "distance", tolerance=0.6, enough_inliers=None, max_valid=1000, max_drawn=10_000
+        )
+
+    @classmethod
+    def for_all_pairs(cls) -> Pcr99:
+        """The variant of Sec. 4.4: distances; at least 0.09 % inliers and 1,000 consistent triplets."""
+        return cls("distance", tolerance=0.6, enough_inliers=0.0009, min_valid=1000, max_valid=5000)
+
+    def with_budget(self, factor: int) -> Self:
+        """As in the paper's footnote: more triplets are drawn, but no more consistent ones are asked for."""
+        return replace(self, max_drawn=self.max_drawn * factor)
+
+    def estimate(
+        self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator
+    ) -> Hypothesis:
+        if not isinstance(problem, Registration):
+            raise TypeError(f"Pcr99 estimates 3D registrations only, got {type(problem).__name__}")
+        if self.compare == "distance" and problem.scale is None:
+            raise ValueError('Pcr99 with compare="distance" needs a known scale; use compare="log_ratio"')
+        model, tested = self._search(problem, rows, threshold, rng)
+        model = _grow(problem, model, rows, threshold)
+        if not np.isfinite(model).all():
+            return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
+        return Hypothesis(model, problem.residuals(model, rows)[0], threshold, tested=tested)
+
+    def _search(
+        self, problem: Registration, rows: Array, threshold: float, rng: np.random.Generator
+    ) -> tuple[Array, int]:
+        """The model with the most inliers, and how many models were compared."""
+        best_model, best_count, valid = np.full((3, 4), np.nan), 0, 0
+        for triplets in self._triplets(problem, rows, threshold, rng):
+            models = problem.solve_minimal(rows[triplets])
+            if len(models):
+                counts = problem.count_inliers(models, rows, threshold)
+                first = int(np.argmax(counts))
+                if counts[first] > best_count:
+                    best_model, best_count = models[first], int(counts[first])
+            valid += len(triplets)
+            if valid >= self.max_valid or (valid >= self.min_valid and self._enough(best_count, len(rows))):
+                break
+        return best_model, valid
+
+    def _enough(self, inliers: int, rows: int) -> bool:
+        return self.enough_inliers is not None and inliers >= max(9, self.enough_inliers * rows)
+
+    def _triplets(self, problem: Registration, rows: Array, threshold: float, rng: np.random.Generator):  # type: ignore[no-untyped-def]
+        """Batches of consistent triplets of row numbers, (T, 3) each, in the order in which they are drawn."""
+        known = problem.scale is not None
+        scale = problem.scale or 1.0
+        columns = np.ascontiguousarray((rows - rows.mean(axis=0)).T)
+        by_ratio = self.compare == "log_ratio"
+        tolerance = self.tolerance if by_ratio else self.tolerance * threshold
+        screen = (by_ratio, known, scale, tolerance)
+        if self.order == "random":
+            yield from self._random_triplets(columns, screen, rng)
+            return
+        ranked = self._ranking(columns, known, scale, tolerance)
+        columns = np.ascontiguousarray(columns[:, ranked])
+        state = np.array([3, 0, 1, 0], np.int64)
+        while True:
+            found = np.empty((min(_BATCH, self.max_valid), 3), np.int64)
+            count = ranked_triplets(columns, *screen, self.max_drawn, state, found)
+            if count:
+                yield ranked[found[:count]]
+            if count < len(found):
+                return
+
+    def _random_triplets(self, columns, screen, rng):  # type: ignore[no-untyped-def]
+        n = columns.shape[1]
+        drawn = 0
+        while drawn < self.max_drawn:
+            batch = rng.integers(n, size=(min(100 * _BATCH, self.max_drawn - drawn), 3))
+            drawn += len(batch)
+            found = np.empty_like(batch)
+            # A row drawn twice has no distance to itself and is screened out.
+            count = screened_triplets(columns, batch, *screen, found)
+            for start in range(0, count, _BATCH):
+                yield found[start : min(start + _BATCH, count)]
+
+    def _ranking(self, columns: Array, known: bool, scale: float, tolerance: float) -> NDArray[np.int64]:
+        """Row numbers, those consistent with the most others first."""
+        counts = np.empty(columns.shape[1], np.int32)
+        if self.compare == "distance":
+            shared = columns.astype(np.float32)
+            shared[:3] *= np.float32(scale)
+            count_consistent_distances(shared, np.float32(tolerance), counts)
+        else:
+            count_consistent_ratios(columns, known, np.log(scale), tolerance, counts)
+        return np.argsort(-counts, kind="stable")
+
+
+def _grow(problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
+    """Refit a model to its inliers as long as they become more."""
+    best = -1
+    while np.isfinite(model).all():
+        inliers = problem.residuals(model, rows)[0] < threshold
+        if inliers.sum() <= best:
+            break
+        best, grown = int(inliers.sum()), model
+        model = problem.refit(model, rows, inliers.astype(np.float64))
+    return grown if best >= 0 else model

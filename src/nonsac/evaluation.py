@@ -1,0 +1,110 @@
+"""Error measures against a known ground truth: the ones the paper reports."""
+
+import operator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["mean_average_accuracy", "rotation_error", "translation_error"]
+
+Floats = NDArray[np.float64]
+
+
+def rotation_error(A: ArrayLike, B: ArrayLike) -> Floats:
+    """Angle of the rotation between two rotations, in degrees.
+
+    Computed as ``2 asin(|A - B| / sqrt 8)`` with the Frobenius norm, which stays accurate at small angles,
+    where the arc cosine of the trace loses half of the digits.
+
+    Parameters
+    ----------
+    A, B : array_like, shape (..., 3, 3)
+        Rotation matrices; leading axes broadcast. A matrix that holds NaN (a failed estimate) gives NaN.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Angles from 0 to 180 degrees; a scalar for two single matrices.
+
+    Raises
+    ------
+    ValueError
+        If the last two axes are not 3 x 3, or a finite matrix is not a rotation (a scaled one, for instance).
+    """
+    first, second = _rotations("A", A), _rotations("B", B)
+    half_sine = np.linalg.norm(first - second, axis=(-2, -1)) / np.sqrt(8.0)
+    return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(half_sine, 1.0))))[()]
+
+
+def translation_error(A: ArrayLike, B: ArrayLike) -> Floats:
+    """Euclidean distance between two translations, in their own unit.
+
+    Parameters
+    ----------
+    A, B : array_like, shape (..., 3)
+        Translation vectors; leading axes broadcast. A vector that holds NaN gives NaN.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Distances; a scalar for two single vectors.
+
+    Raises
+    ------
+    ValueError
+        If the last axis does not have three entries.
+    """
+    first, second = (np.asarray(value, dtype=np.float64) for value in (A, B))
+    for name, value in (("A", first), ("B", second)):
+        if value.ndim < 1 or value.shape[-1] != 3:
+            raise ValueError(f"{name} has shape {value.shape}; expected translations of shape (..., 3)")
+    return np.asarray(np.linalg.norm(first - second, axis=-1))[()]
+
+
+def mean_average_accuracy(errors: ArrayLike, maximum: int = 10) -> float:
+    """Share of trials with an error below a threshold, averaged over 1, 2, ..., `maximum` degrees.
+
+    Section 4 of the paper (Eq. mAA, there with 10 degrees; Table 4 uses 5, 10, 15 and 20). An error equal to
+    a threshold is not below it; NaN, the error of a failed trial, is below none.
+
+    Parameters
+    ----------
+    errors : array_like, any shape
+        Rotation errors in degrees, one for each trial.
+    maximum : int
+        The largest threshold, in whole degrees.
+
+    Returns
+    -------
+    float
+        From 0 (no trial below `maximum` degrees) to 1 (every trial below 1 degree).
+
+    Raises
+    ------
+    ValueError
+        If there are no errors, one is negative, or `maximum` is below 1.
+    TypeError
+        If `maximum` is not an integer.
+    """
+    values = np.asarray(errors, dtype=np.float64).ravel()
+    maximum = operator.index(maximum)
+    if values.size == 0:
+        raise ValueError("errors is empty; expected at least one error in degrees")
+    if (values < 0).any():
+        raise ValueError(f"errors holds {values[values < 0][0]}; expected degrees of at least 0")
+    if maximum < 1:
+        raise ValueError(f"maximum is {maximum}; expected a whole number of degrees of at least 1")
+    thresholds = np.arange(1, maximum + 1)
+    return float(np.count_nonzero(values < thresholds[:, None]) / (maximum * values.size))
+
+
+def _rotations(name: str, value: ArrayLike) -> Floats:
+    matrices = np.asarray(value, dtype=np.float64)
+    if matrices.shape[-2:] != (3, 3):
+        raise ValueError(f"{name} has shape {matrices.shape}; expected rotations of shape (..., 3, 3)")
+    # Loose enough for float32 and hand-written matrices; NaN, a failed estimate, passes both comparisons.
+    skewed = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)) > 1e-3
+    mirrored = (np.cross(matrices[..., 0, :], matrices[..., 1, :]) * matrices[..., 2, :]).sum(axis=-1) < 0
+    if skewed.any() or mirrored.any():
+        raise ValueError(f"{name} holds a matrix that is not a rotation; expected R R^T = I and det R = 1")
+    return matrices

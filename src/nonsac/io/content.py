@@ -1,0 +1,97 @@
+"""Read the bytes of a file and check them against what its suffix promises."""
+
+import re
+from pathlib import Path
+
+from nonsac.io.errors import FilePath, InputError, input_error
+
+_MARKS = {
+    b"\x93NUMPY": "NumPy array",
+    b"PK\x03\x04": "NumPy archive",
+    b"PK\x05\x06": "NumPy archive",
+    b"LASF": "LAS file",
+    b"\x89PNG": "PNG image",
+    b"\xff\xd8\xff": "JPEG image",
+    b"%PDF": "PDF document",
+    b"\x1f\x8b": "gzip archive",
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+}
+_USUAL_SUFFIX = {
+    "NumPy array": ".npy",
+    "NumPy archive": ".npz",
+    "LAS file": ".las",
+    "PLY file": ".ply",
+    "PCD file": ".pcd",
+    "text table": ".xyz",
+}
+_PLY_START = re.compile(rb"ply[ \t]*\r?\n")
+_PCD_START = re.compile(rb"#[ \t]*\.PCD|(?:#[^\n]*\n|\s)*(?:VERSION\s+[.\d]+|FIELDS|COLUMNS)\s")
+_NEVER_IN_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+_HEAD_LENGTH = 4096
+
+
+def read_content(path: FilePath, kind: str) -> bytes:
+    """Read a whole file that has to be of the given kind.
+
+    Parameters
+    ----------
+    path
+        The file to read.
+    kind
+        The kind its suffix promises: "PLY file", "PCD file", "NumPy array", "NumPy archive", "LAS file"
+        or "text table".
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is empty or is of another kind.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if not content:
+        raise input_error(path, "the file is empty", "write or copy it again")
+    found = content_kind(content)
+    if found != kind:
+        raise input_error(path, f"is not a {kind}, it looks like {_with_article(found)}", _fix_for(found))
+    return content
+
+
+def unreadable(path: FilePath, error: OSError) -> InputError:
+    """Say why the system did not let a file be read."""
+    if isinstance(error, FileNotFoundError):
+        return input_error(path, "no such file", "check the path")
+    if Path(path).is_dir():
+        return input_error(path, "is a folder, not a file", "give the name of a file")
+    if isinstance(error, PermissionError):
+        return input_error(path, "permission denied", "make the file readable for you")
+    return input_error(path, f"cannot be read ({error.strerror or error})", "check the file and its disk")
+
+
+def content_kind(content: bytes) -> str:
+    """Name the kind of a file by its first bytes."""
+    if _PLY_START.match(content):
+        return "PLY file"
+    if _PCD_START.match(content[:_HEAD_LENGTH]):
+        return "PCD file"
+    for mark, kind in _MARKS.items():
+        if content.startswith(mark):
+            return kind
+    return "unknown binary file" if _NEVER_IN_TEXT.search(content[:_HEAD_LENGTH]) else "text table"
+
+
+def _with_article(kind: str) -> str:
+    return f"an {kind}" if kind[0] == "u" else f"a {kind}"
+
+
+def _fix_for(kind: str) -> str:
+    if kind in _USUAL_SUFFIX:
+        return f"if it is one, rename it to end in {_USUAL_SUFFIX[kind]}"
+    return "save it as UTF-8 text" if kind == "UTF-16 text" else "give a point cloud file"

@@ -1,0 +1,145 @@
+"""Which correspondences agree with which others on the distance between their two points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nonsac.kernels._jit import kernel, reordered_kernel
+
+
+@reordered_kernel
+def count_consistent_distances(columns, tolerance, counts):
+    """For each row, with how many other rows it agrees: ||a_i - a_j| - |b_i - b_j|| < tolerance.
+
+    `columns` is (6, N) single precision, `counts` (N,) int32. Every pair is visited once and none is stored. The
+    test needs no square root: with A = |a_i - a_j|^2, B = |b_i - b_j|^2 and s = A + B - tolerance^2 it reads
+    s < 2 sqrt(A B), that is s < 0 or s^2 < 4 A B.
+    """
+    ax, ay, az, bx, by, bz = columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
+    n = ax.shape[0]
+    squared_tolerance = tolerance * tolerance
+    counts[:] = 0
+    for i in range(n):
+        x, y, z, u, v, w = ax[i], ay[i], az[i], bx[i], by[i], bz[i]
+        own = np.int32(0)
+        for j in range(i + 1, n):
+            dx, dy, dz = ax[j] - x, ay[j] - y, az[j] - z
+            ex, ey, ez = bx[j] - u, by[j] - v, bz[j] - w
+            a = dx * dx + dy * dy + dz * dz
+            b = ex * ex + ey * ey + ez * ez
+            s = a + b - squared_tolerance
+            agrees = np.int32((s < np.float32(0.0)) | (s * s < np.float32(4.0) * a * b))
+            counts[j] += agrees
+            own += agrees
+        counts[i] += own
+
+
+@kernel
+def count_consistent_ratios(columns, known, log_scale, tolerance, counts):
+    """For each row, with how many other rows it agrees on the log ratio ln(|b_i - b_j| / |a_i - a_j|).
+
+    Where the scale is known, the ratios within `tolerance` of `log_scale` count. Where it is not, each row takes
+    the scale that most of its ratios share: the fullest window of width 2 `tolerance` in the row's own histogram.
+    """
+    n = columns.shape[1]
+    half_range = 4.0  # ratios beyond e^4 = 55 are never consistent
+    bins = int(2.0 * half_range / tolerance) + 1
+    histogram = np.empty(bins, np.int32)
+    for i in range(n):
+        histogram[:] = 0
+        own = 0
+        for j in range(n):
+            a = 0.0
+            b = 0.0
+            for c in range(3):
+                a += (columns[c, j] - columns[c, i]) ** 2
+                b += (columns[3 + c, j] - columns[3 + c, i]) ** 2
+            if not (a > 0.0 and b > 0.0):
+                continue
+            ratio = 0.5 * np.log(b / a)
+            if known:
+                own += abs(ratio - log_scale) < tolerance
+            elif abs(ratio) < half_range:
+                histogram[int((ratio + half_range) / tolerance)] += 1
+        if not known:
+            for k in range(1, bins):
+                own = max(own, histogram[k - 1] + histogram[k])
+        counts[i] = own
+
+
+@kernel
+def _distances(columns, i, j):
+    a = 0.0
+    b = 0.0
+    for c in range(3):
+        a += (columns[c, j] - columns[c, i]) ** 2
+        b += (columns[3 + c, j] - columns[3 + c, i]) ** 2
+    return np.sqrt(a), np.sqrt(b)
+
+
+@kernel
+def _triplet_is_consistent(columns, i, j, k, by_ratio, known, scale, tolerance):
+    low, high = np.inf, -np.inf
+    for pair in range(3):
+        p = i if pair < 2 else j
+        q = j if pair == 0 else k
+        a, b = _distances(columns, p, q)
+        if not (a > 0.0 and b > 0.0):
+            return False
+        value = np.log(b / a) if by_ratio else b - scale * a
+        low, high = min(low, value), max(high, value)
+        if known:
+            expected = np.log(scale) if by_ratio else 0.0
+            if max(high - expected, expected - low) >= tolerance:
+                return False
+        elif high - low >= tolerance:
+            return False
+    return True
+
+
+@kernel
+def ranked_triplets(columns, by_ratio, known, scale, tolerance, max_drawn, state, triplets):
+    """Next consistent triplets of the ranked rows, in order of their rank sum.
+
+    `columns` (6, N) holds the rows best first; triplets i < j < k are drawn with i + j + k growing, ties in
+    lexicographic order, so that the best ranked rows are combined first. `state` (4,) int64 holds [rank sum, i, j,
+    drawn] and is advanced, so that a later call goes on where this one stopped; a state of [3, 0, 1, 0] starts.
+
+    Returns how many of `triplets` (T, 3) were filled; fewer than T means that `max_drawn` or the last triplet was
+    reached.
+    """
+    n = columns.shape[1]
+    rank_sum, i, j, drawn = state[0], state[1], state[2], state[3]
+    count = 0
+    while rank_sum <= 3 * n - 6:
+        while 3 * i + 3 <= rank_sum:
+            j = max(j, i + 1, rank_sum - i - (n - 1))
+            while i + 2 * j < rank_sum:
+                if count == triplets.shape[0] or drawn == max_drawn:
+                    state[0], state[1], state[2], state[3] = rank_sum, i, j, drawn
+                    return count
+                k = rank_sum - i - j
+                drawn += 1
+                if _triplet_is_consistent(columns, i, j, k, by_ratio, known, scale, tolerance):
+                    triplets[count, 0], triplets[count, 1], triplets[count, 2] = i, j, k
+                    count += 1
+                j += 1
+            i += 1
+            j = 0
+        rank_sum += 1
+        i = 0
+        j = 0
+    state[0], state[1], state[2], state[3] = rank_sum, i, j, drawn
+    return count
+
+
+@kernel
+def screened_triplets(columns, drawn_triplets, by_ratio, known, scale, tolerance, triplets):
+    """The consistent ones among `drawn_triplets` (T, 3), copied to `triplets` in their order; returns how many."""
+    count = 0
+    for t in range(drawn_triplets.shape[0]):
+        i, j, k = drawn_triplets[t, 0], drawn_triplets[t, 1], drawn_triplets[t, 2]
+        if _triplet_is_consistent(columns, i, j, k, by_ratio, known, scale, tolerance):
+            triplets[count, 0], triplets[count, 1], triplets[count, 2] = i, j, k
+            count += 1
+    return count

@@ -1,0 +1,112 @@
+"""How well two raw clouds overlap under a motion, and motions that make them overlap better."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nonsac.kernels.nearest_field import align_to_field, score_models
+from nonsac.result import Array
+from nonsac.surfaces import NearestField, Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """Truncated nearest-neighbour distances between two clouds, in both directions.
+
+    Parameters
+    ----------
+    source, target : Surface
+    source_field, target_field : NearestField
+        Around their dense points.
+    """
+
+    source: Surface
+    target: Surface
+    source_field: NearestField
+    target_field: NearestField
+
+    @classmethod
+    def between(cls, source: Surface, target: Surface, reach: float, cell: float) -> Overlap:
+        fields = (NearestField.around(s.points, s.normals, reach, cell) for s in (source, target))
+        return cls(source, target, *fields)
+
+    @property
+    def reach(self) -> float:
+        """Distance beyond which points do not overlap."""
+        return self.target_field.reach
+
+    def best(self, models: Array, keep: int, first: int = 64) -> Array:
+        """The `keep` models under which the source lies closest to the target, best first.
+
+        All are scored on the `first` coarse points (which are spread evenly), the more promising ones on all.
+        """
+        points = self.source.points[self.source.coarse]
+        stride = max(1, len(points) // first)
+        scores = self._scores(models, points[::stride])
+        promising = np.argsort(scores, kind="stable")[: 8 * keep]
+        scores = self._scores(models[promising], points)
+        return models[promising[np.argsort(scores, kind="stable")[:keep]]]
+
+    def aligned(self, models: Array, iterations: int = 20) -> Array:
+        """The models moved to near minima of the source's distances to the target."""
+        field = self.target_field
+        moved = np.ascontiguousarray(models).copy()
+        align_to_field(
+            moved,
+            self.source.points[self.source.coarse],
+            field.points,
+            field.normals,
+            field.corner,
+            field.cells_per_unit,
+            field.reach,
+            field.nearest,
+            iterations,
+        )
+        return moved
+
+    def residuals(self, model: Array) -> Array:
+        """Distances of both clouds' coarse points to the other cloud, at most `reach`: (k + l,)."""
+        forward = self.target_field.distances(model, self.source.points[self.source.coarse])
+        backward = self.source_field.distances(inverse(model), self.target.points[self.target.coarse])
+        return np.concatenate([forward, backward])
+
+    def support(self, model: Array) -> tuple[int, int]:
+        """Coarse points of the source, and of the target, that lie in the other cloud's surface."""
+        flat, cosine = 0.25 * self.reach, 0.9
+        source, target = self.source, self.target
+        forward = self.target_field.supported(
+            model, source.points[source.coarse], source.normals[source.coarse], flat, cosine
+        )
+        backward = self.source_field.supported(
+            inverse(model), target.points[target.coarse], target.normals[target.coarse], flat, cosine
+        )
+        return int(forward.sum()), int(backward.sum())
+
+    def _scores(self, models: Array, points: Array) -> np.ndarray:
+        field = self.target_field
+        scores = np.empty(len(models), np.int32)
+        columns = np.ascontiguousarray(points.T, np.float32)
+        score_models(models, columns, field.corner, field.cells_per_unit, field.cost, scores)
+        return scores
+
+
+def inverse(model: Array) -> Array:
+    """The inverse of a rigid motion (3, 4)."""
+    rotation = model[:, :3].T
+    return np.column_stack([rotation, -rotation @ model[:, 3]])
+
+
+def distinct(models: Array, angle: float, distance: float) -> np.ndarray:
+    """Numbers of the models that differ from all before them by more than `angle` degrees or `distance`."""
+    chord = np.sqrt(8.0) * np.sin(np.radians(angle) / 2.0)
+    kept: list[int] = []
+    for i, model in enumerate(models):
+        differences = models[kept] - model
+        near = (np.linalg.norm(differences[:, :, :3], axis=(1, 2)) < chord) & (
+            np.linalg.norm(differences[:, :, 3], axis=1) < distance
+        )
+        if not near.any():
+            kept.append(i)
+    return np.array(kept, np.int64)

@@ -1,0 +1,196 @@
+"""NONSAC on one page: sample, estimate in each sample, select, refine, judge (Lee, Vandewalle and Civera, Fig. 1)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from typing import Protocol
+
+import numpy as np
+
+from nonsac import refine as refiners
+from nonsac import scoring
+from nonsac.estimators import Estimator
+from nonsac.executors import Workers, ordered_map
+from nonsac.problems import Problem
+from nonsac.refine import Refiner
+from nonsac.result import Array, Hypothesis, Result, Status, failed, homogeneous, threshold_of
+from nonsac.sampling import canonical_seed, sample_rows
+from nonsac.scoring import ScoringRule
+from nonsac.sources import Source
+
+class Stop(Protocol):
+    """Says after each sample whether the hypotheses so far are enough."""
+
+    def __call__(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> bool: ...
+
+
+def estimate(
+    source: Source,
+    problem: Problem,
+    estimator: Estimator,
+    *,
+    noise: float,
+    samples: int = 10,
+    sample_size: int = 1000,
+    rule: str | ScoringRule = "tlp_0.1",
+    refine: str | Refiner = "union",
+    stop: Stop | None = None,
+    workers: Workers = None,
+    rng: int | np.random.Generator | None = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> Result:
+    """Estimate a model from any amount of dirty data.
+
+    Draws `samples` non-minimal samples of `sample_size` rows, runs the core estimator on each, selects one hypothesis
+    by the scoring rule, refines it and says how far to trust it. Memory is set by the samples, not by the source.
+
+    Parameters
+    ----------
+    source : Source
+        The rows, one correspondence each.
+    problem : Problem
+        The mathematics, for instance `Registration()`.
+    estimator : Estimator
+        Finds a model in one sample, for instance `Pcr99.for_pairs()`.
+    noise : float
+        Standard deviation of an inlier, in the unit of the residual; the inlier threshold is 5 `noise`.
+    samples, sample_size : int
+        The paper's m and N. Samples do not overlap where the source has m N rows, else they are drawn independently.
+    rule : str or ScoringRule
+        How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object.
+    refine : "union", "none" or Refiner
+        "union" rescores and refits on all sampled rows; "none" returns the selected hypothesis as it is.
+    stop : callable, optional
+        Called as `stop(hypotheses, problem)` after each sample; ends the sampling where it says so.
+    workers : None, int or concurrent.futures.Executor
+        One thread for each core, this many threads, or a pool. The answer is the same, bit for bit.
+    rng : int, numpy Generator or None
+        The seed; None takes fresh entropy, which is recorded in `info["seed"]`.
+    progress : callable, optional
+        Called as `progress(done, samples)`.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    ValueError
+        Where an argument is out of its range; the message names it. Bad data do not raise: they end in a status.
+    """
+    _check(source, problem, noise, samples, sample_size)
+    selector = scoring.by_name(rule) if isinstance(rule, str) else rule
+    refiner = refiners.by_name(refine) if isinstance(refine, str) else refine
+    budget, estimator = _plan(selector, samples, estimator)
+    clock = Stopwatch()
+    task = SampleTask(source, problem, estimator, threshold_of(noise), budget, sample_size, canonical_seed(rng))
+    info = {"seed": task.seed, "version": version("nonsac"), "rule": selector.name, "sample_size": sample_size}
+    if len(source) < problem.minimal_size:
+        return failed(Status.TOO_FEW, noise, info | {"samples": 0, "seconds": clock.laps})
+
+    hypotheses: list[Hypothesis] = []
+    for hypothesis in ordered_map(task, budget, workers):
+        hypotheses.append(hypothesis)
+        if progress is not None:
+            progress(len(hypotheses), budget)
+        if stop is not None and stop(hypotheses, problem):
+            break
+    clock.lap("hypotheses")
+
+    winner, scores = scoring.select(selector, hypotheses, problem)
+    clock.lap("selection")
+    rows = task.union(len(hypotheses))
+    info |= {"samples": len(hypotheses), "nonfinite_rows": task.drawn(len(hypotheses)) - len(rows)}
+    info["seconds"] = clock.laps
+    if not hypotheses[winner].found:
+        status = Status.DEGENERATE if len(rows) >= problem.minimal_size else Status.TOO_FEW
+        return failed(status, noise, info, tuple(hypotheses))
+
+    refinement = refiner.refine(problem, hypotheses, winner, rows, task.threshold)
+    clock.lap("refinement")
+    return Result(
+        T=homogeneous(refinement.model),
+        status=refinement.status,
+        confidence=refinement.confidence,
+        num_inliers=refinement.num_inliers,
+        num_rows=refinement.num_rows,
+        noise=float(noise),
+        threshold=task.threshold,
+        hypotheses=scoring.scored(hypotheses, scores),
+        alternatives=refinement.alternatives,
+        info=info,
+    )
+
+
+@dataclass(frozen=True)
+class SampleTask:
+    """One sample from its number to its hypothesis; travels to any worker."""
+
+    source: Source
+    problem: Problem
+    estimator: Estimator
+    threshold: float
+    samples: int
+    sample_size: int
+    seed: int
+
+    def __call__(self, sample: int) -> Hypothesis:
+        rows = self.rows(sample)
+        if len(rows) < self.problem.minimal_size:
+            return Hypothesis(np.full((3, 4), np.nan), np.full(len(rows), np.inf), self.threshold, sample)
+        rng = np.random.default_rng([self.seed, sample])
+        hypothesis = self.estimator.estimate(self.problem, rows, self.threshold, rng)
+        return replace(hypothesis, sample=sample)
+
+    def rows(self, sample: int) -> Array:
+        """The finite rows of one sample."""
+        rows = self.source.take(self._indices(sample))
+        return rows[np.isfinite(rows).all(axis=1)]
+
+    def union(self, samples: int) -> Array:
+        """The finite rows that the first samples hold together, each once."""
+        rows = self.source.take(self._union_indices(samples))
+        return rows[np.isfinite(rows).all(axis=1)]
+
+    def drawn(self, samples: int) -> int:
+        return len(self._union_indices(samples))
+
+    def _indices(self, sample: int) -> np.ndarray:
+        return sample_rows(len(self.source), sample, self.samples, self.sample_size, self.seed)
+
+    def _union_indices(self, samples: int) -> np.ndarray:
+        return np.unique(np.concatenate([self._indices(i) for i in range(samples)]))
+
+
+class Stopwatch:
+    """Seconds per stage, in the order of the stages."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.laps[stage] = self.laps.get(stage, 0.0) + now - self._last
+        self._last = now
+
+
+def _plan(rule: ScoringRule, samples: int, estimator: Estimator) -> tuple[int, Estimator]:
+    """A rule may spend the budget in its own way, as `FixedSample` does."""
+    return rule.plan(samples, estimator) if isinstance(rule, scoring.FixedSample) else (samples, estimator)
+
+
+def _check(source: Source, problem: Problem, noise: float, samples: int, sample_size: int) -> None:
+    if source.width != problem.width:
+        raise ValueError(
+            f"source has rows of {source.width} columns, {type(problem).__name__} needs {problem.width}"
+        )
+    if not (np.isfinite(noise) and noise > 0):
+        raise ValueError(f"noise must be a positive number, the standard deviation of an inlier, got {noise!r}")
+    if samples < 1:
+        raise ValueError(f"samples must be at least 1, got {samples!r}")
+    if sample_size < problem.minimal_size:
+        raise ValueError(f"sample_size must be at least {problem.minimal_size}, got {sample_size!r}")

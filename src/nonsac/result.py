@@ -1,0 +1,255 @@
+"""What comes back: a hypothesis per sample, and one result per call."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Status(StrEnum):
+    """Why an answer is trusted, or why it is not. `explanation` is the sentence for a person."""
+
+    OK = "ok"
+    TOO_FEW = "too_few"
+    DEGENERATE = "degenerate"
+    LOW_SUPPORT = "low_support"
+    AMBIGUOUS = "ambiguous"
+
+    @property
+    def explanation(self) -> str:
+        return _EXPLANATIONS[self]
+
+
+_EXPLANATIONS = {
+    Status.OK: "the data support this answer and no clearly different one does as well",
+    Status.TOO_FEW: "there are too few distinct rows or points to determine an answer",
+    Status.DEGENERATE: "the data do not determine an answer (identical or collinear points)",
+    Status.LOW_SUPPORT: "no answer is supported by more of the data than chance explains",
+    Status.AMBIGUOUS: "clearly different answers fit the data about equally well (see alternatives)",
+}
+
+
+class FailedEstimation(RuntimeError):
+    """Raised by `Result.raise_if_failed` where the answer is not to be trusted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One model, found in one sample.
+
+    Attributes
+    ----------
+    model : (3, 4) float64
+        In the problem's own form, `[s R | t]` for the built-in problems; NaN where the sample gave none.
+    residuals : (N,) float64
+        Of the sample's own rows, in the unit of `threshold`.
+    threshold : float
+        Rows with a smaller residual are inliers.
+    sample : int
+        Which sample it was found in.
+    alternatives : (K, 3, 4) float64
+        Further models that the estimator found worth a look, best first.
+    tested : int
+        How many candidate models the estimator compared before it chose this one.
+    score : float
+        What the scoring rule gave it; higher is better.
+    """
+
+    model: Array
+    residuals: Array
+    threshold: float
+    sample: int = 0
+    alternatives: Array = field(default_factory=lambda: np.empty((0, 3, 4)))
+    tested: int = 1
+    score: float = float("nan")
+
+    @property
+    def found(self) -> bool:
+        return bool(np.isfinite(self.model).all())
+
+    @property
+    def num_inliers(self) -> int:
+        return int(np.count_nonzero(self.residuals < self.threshold))
+
+    @property
+    def inlier_residuals(self) -> Array:
+        return self.residuals[self.residuals < self.threshold]
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A clearly different answer that the data support next best: `T` (4, 4) and its `support` in [0, 1]."""
+
+    T: Array
+    support: float
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The answer, and how far to trust it.
+
+    Attributes
+    ----------
+    T : (4, 4) float64
+        Maps source to target, `[s R, t; 0, 1]`. NaN where nothing was found, never a made-up identity; where it is
+        finite but `success` is false, it is the best guess.
+    status : Status
+        `Status.OK` or the reason why the answer is not to be trusted.
+    confidence : float
+        In [0, 1]: one minus the estimated chance that an answer with this evidence is wrong. See `docs/verdict.md`.
+    num_inliers, num_rows : int
+        Rows (or points) that support the returned `T`, out of those that it was tested on.
+    noise : float
+        Standard deviation of an inlier that was used, per coordinate, in the unit of the data.
+    threshold : float
+        Rows with a smaller residual than this are inliers, in the unit of the data.
+    hypotheses : tuple of Hypothesis
+        One for each sample, with its score.
+    alternatives : tuple of Alternative
+        Clearly different answers, best first.
+    info : dict
+        `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, ...
+    """
+
+    T: Array
+    status: Status
+    confidence: float
+    num_inliers: int
+    num_rows: int
+    noise: float
+    threshold: float
+    hypotheses: tuple[Hypothesis, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    info: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def success(self) -> bool:
+        return self.status is Status.OK
+
+    @property
+    def scale(self) -> float:
+        return float(np.cbrt(np.linalg.det(self.T[:3, :3])))
+
+    @property
+    def R(self) -> Array:
+        """Rotation matrix (3, 3)."""
+        return self.T[:3, :3] / self.scale
+
+    @property
+    def t(self) -> Array:
+        """Translation (3,), in the target's unit."""
+        return self.T[:3, 3].copy()
+
+    @property
+    def rotation(self) -> Any:
+        """The rotation as a `scipy.spatial.transform.Rotation`."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(self.R)
+
+    @property
+    def inlier_ratio(self) -> float:
+        return self.num_inliers / self.num_rows if self.num_rows else 0.0
+
+    def apply(self, points: Array) -> Array:
+        """Map source points (n, 3) into the target frame."""
+        return np.asarray(points, np.float64) @ self.T[:3, :3].T + self.T[:3, 3]
+
+    def raise_if_failed(self) -> Result:
+        """Return the result itself, or raise `FailedEstimation` where it is not to be trusted."""
+        if not self.success:
+            raise FailedEstimation(f"{self.status}: {self.status.explanation}")
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, strings and lists; NaN becomes None, so that the JSON is valid everywhere."""
+        return {
+            "success": self.success,
+            "status": str(self.status),
+            "explanation": self.status.explanation,
+            "confidence": self.confidence,
+            "T": _plain(self.T),
+            "scale": _plain(self.scale),
+            "num_inliers": self.num_inliers,
+            "num_rows": self.num_rows,
+            "inlier_ratio": self.inlier_ratio,
+            "noise": _plain(self.noise),
+            "threshold": _plain(self.threshold),
+            "alternatives": [{"T": _plain(a.T), "support": _plain(a.support)} for a in self.alternatives],
+            "hypotheses": [
+                {
+                    "sample": h.sample,
+                    "model": _plain(h.model),
+                    "num_inliers": h.num_inliers,
+                    "score": _plain(h.score),
+                }
+                for h in self.hypotheses
+            ],
+            "info": {key: _plain(value) for key, value in self.info.items()},
+        }
+
+    def to_json(self, indent: int | None = None) -> str:
+        return json.dumps(self.to_dict(), indent=indent, allow_nan=False)
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON of `to_json` to a file, whole or not at all."""
+        from nonsac.io.atomic import write_atomically
+
+        text = self.to_json(indent=1) + "\n"
+        write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+    def __repr__(self) -> str:
+        if not np.isfinite(self.T).all():
+            return f"Result({self.status}: {self.status.explanation})"
+        angle = np.degrees(self.rotation.magnitude())
+        t = ", ".join(f"{x:.6g}" for x in self.t)
+        lines = [
+            f"Result({self.status}, confidence {self.confidence:.3f})",
+            f"  rotation {angle:.3f} deg, translation [{t}], scale {self.scale:.6g}",
+            f"  inliers {self.num_inliers} of {self.num_rows} ({100 * self.inlier_ratio:.3g} %), "
+            f"noise {self.noise:.4g}",
+            f"  {len(self.hypotheses)} hypotheses, {len(self.alternatives)} alternatives",
+        ]
+        return "\n".join(lines if self.success else [*lines, f"  {self.status.explanation}"])
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def homogeneous(model: Array) -> Array:
+    """A (3, 4) model as a (4, 4) matrix."""
+    T = np.eye(4)
+    T[:3] = model
+    return T
+
+
+def failed(
+    status: Status, noise: float, info: dict[str, Any], hypotheses: tuple[Hypothesis, ...] = ()
+) -> Result:
+    """A result without an answer."""
+    nothing = np.full((4, 4), np.nan)
+    return Result(nothing, status, 0.0, 0, 0, float(noise), threshold_of(noise), hypotheses, info=info)
+
+
+def threshold_of(noise: float) -> float:
+    """The inlier threshold for a noise level: five standard deviations (Lee et al., Sec. 4)."""
+    return 5.0 * float(noise)

@@ -1,0 +1,37 @@
+"""Where rows come from. A source owns the data and knows nothing of geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nonsac.sources.all_pairs import AllPairsSource
+from nonsac.sources.array import ArraySource
+
+__all__ = ["AllPairsSource", "ArraySource", "Source"]
+
+
+@runtime_checkable
+class Source(Protocol):
+    """A table of rows, read a few at a time.
+
+    Sources travel to workers, so a source pickles as a cheap description and opens what it needs where it runs.
+    """
+
+    @property
+    def width(self) -> int:
+        """Number of columns, D."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The rows with these numbers: a fresh, writable, C-order float64 array (len(indices), D)."""
+        ...
+
+    def chunks(self, rows: int) -> Iterator[NDArray[np.float64]]:
+        """All rows in order, at most `rows` of them at a time."""
+        ...

@@ -1,0 +1,37 @@
+"""Every row of one array with every row of another, without ever storing the product."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nonsac.sources.array import ArraySource
+
+
+class AllPairsSource:
+    """The product of `a` (n, P) and `b` (k, Q) as n k virtual rows (n k, P + Q): row `i k + j` is (a_i, b_j).
+
+    Only sampled rows exist, so 10^6 x 10^6 points are no larger than the two arrays (Lee et al., Sec. 4.4).
+    """
+
+    def __init__(self, a: ArrayLike, b: ArrayLike) -> None:
+        self.a, self.b = ArraySource(a), ArraySource(b)
+        if len(self.a) * len(self.b) >= 2**62:
+            raise ValueError(f"{len(self.a)} x {len(self.b)} pairs are more than 2^62; thin the clouds first")
+
+    @property
+    def width(self) -> int:
+        return self.a.width + self.b.width
+
+    def __len__(self) -> int:
+        return len(self.a) * len(self.b)
+
+    def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        first, second = np.divmod(np.asarray(indices, np.int64), len(self.b))
+        return np.hstack([self.a.take(first), self.b.take(second)])
+
+    def chunks(self, rows: int) -> Iterator[NDArray[np.float64]]:
+        for start in range(0, len(self), rows):
+            yield self.take(np.arange(start, min(start + rows, len(self)), dtype=np.int64))
