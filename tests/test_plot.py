@@ -170,9 +170,7 @@ def test_boxplot_names_and_numbers_the_rules(tmp_path):
 
 
 def test_a_failed_trial_is_drawn_as_the_worst_and_a_perfect_one_as_the_best():
-    np.testing.assert_array_equal(
-        plot._drawable_angles(np.array([np.nan, 0.0, 5.0, 180.0])), [180, 0.01, 5, 180]
-    )
+    np.testing.assert_array_equal(plot._drawable_angles(np.array([np.nan, 0.0, 5.0, 180.0])), [180, 0.01, 5, 180])
 
 
 @pytest.mark.parametrize(
@@ -218,3 +216,8 @@ def test_import_is_cheap_and_pictures_need_no_display(tmp_path):
 
 def headless():
     return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
+def test_diamonds_say_what_they_are(tmp_path):
+    plot.boxplot(tmp_path / "a.svg", {"ideal": [1.0]}, {"hypotheses": [2.0]}, {"hypotheses": 30.0}, label="MATLAB")
+    assert "MATLAB" in (tmp_path / "a.svg").read_text()

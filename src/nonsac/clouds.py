@@ -7,16 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import small_gicp
+from scipy.spatial import cKDTree
 
-from nonsac.overlap import Overlap, distinct, inverse
-from nonsac.problems import Problem
-from nonsac.refine import Refinement
+from nonsac.executors import cores
+from nonsac.overlap import Overlap, distinct
+from nonsac.problems import Problem, Registration
+from nonsac.refine import Refinement, Rows, reweighted_fit
 from nonsac.result import Alternative, Array, Hypothesis, homogeneous
-from nonsac.surfaces import Surface, thin_to
+from nonsac.surfaces import neighbor_count, thin_to
 from nonsac.verdict import judge_overlap
 
 # Answers nearer to each other than this are one answer.
 SAME_ANGLE = 8.0
+
+_MOST_COINCIDING = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +95,10 @@ class SurfaceRefiner:
     frame: CommonFrame
     source: Array
     target: Array
-    candidates: int = 20
+    candidates: int = 60
 
     def refine(
-        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, rows: Array, threshold: float
+        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
     ) -> Refinement:
         fine = dense_overlap(self.coarse)
         models = self._distinct_answers(hypotheses)
@@ -123,10 +127,16 @@ class SurfaceRefiner:
         return models[distinct(models, SAME_ANGLE, self.coarse.reach)[: self.candidates]]
 
     def _finished(self, fine: Overlap, model: Array, support: int) -> tuple[Array, int]:
-        """The winner after the fine alignment of the full clouds, unless that lost support."""
-        finished = align_finely(self.source, self.target, model, fine.reach)
+        """The winner after a fine alignment, unless that lost support."""
+        if fine.source.noisy or fine.target.noisy:
+            finished = align_finely(fine.source.points, fine.target.points, model, 0.5 * fine.reach)
+        else:
+            finished = align_finely(self.source, self.target, model, 0.25 * fine.reach)
         gained = sum(fine.support(finished))
-        return (finished, gained) if gained >= 0.95 * support else (model, support)
+        if gained < 0.97 * support:
+            finished = model
+        finished = align_coinciding(self.source, self.target, finished)
+        return finished, sum(fine.support(finished))
 
 
 def dense_overlap(coarse: Overlap) -> Overlap:
@@ -137,13 +147,13 @@ def dense_overlap(coarse: Overlap) -> Overlap:
     return Overlap.between(source, target, reach, 0.3 * reach)
 
 
-def align_finely(source: Array, target: Array, model: Array, reach: float, points: int = 30_000) -> Array:
+def align_finely(source: Array, target: Array, model: Array, reach: float, points: int = 10_000) -> Array:
     """Generalised ICP between the full clouds, from a start that is nearly right (Segal et al. 2009, small_gicp)."""
     clouds = []
     for cloud in (source, target):
         prepared = small_gicp.PointCloud(thin_to(cloud, points))
         tree = small_gicp.KdTree(prepared)
-        small_gicp.estimate_covariances(prepared, tree, 20)
+        small_gicp.estimate_covariances(prepared, tree, neighbor_count(prepared.size(), 20), num_threads=cores())
         clouds.append((prepared, tree))
     (moving, _), (fixed, tree) = clouds
     result = small_gicp.align(
@@ -153,11 +163,47 @@ def align_finely(source: Array, target: Array, model: Array, reach: float, point
         homogeneous(model),
         registration_type="GICP",
         max_correspondence_distance=reach,
-        max_iterations=30,
-        rotation_epsilon=1e-5,
-        translation_epsilon=1e-6,
+        rotation_epsilon=2e-4,
+        translation_epsilon=2e-5,
     )
     return np.ascontiguousarray(result.T_target_source[:3])
+
+
+def align_coinciding(source: Array, target: Array, model: Array, rounds: int = 10) -> Array:
+    """Align clouds that hold the same physical points, in part, by these points; other clouds stay as they are.
+
+    Two scans sample a surface independently, and matching their points to each other adds the sampling to the noise.
+    But where the clouds are subsets of one, or surveyed landmarks, their common points match one to one, and are
+    better evidence than any surface. They betray themselves by nearest neighbours that are nearer than independent
+    sampling explains: the eight neighbours around a target point, out to d, give the chance 1 - exp(-8 (r / d)^2) of
+    a point within r on a surface.
+
+    Larger clouds than 20,000 points are left alone: their surfaces are dense enough.
+    """
+    if max(len(source), len(target)) > _MOST_COINCIDING:
+        return model
+    tree = cKDTree(target)
+    scale = tree.query(target, [min(9, len(target))])[0][:, 0]
+    registration, aligned, reach = Registration(), model, 0.5 * float(np.median(scale))
+    for _ in range(rounds):
+        distances, nearest = tree.query(apply(aligned, source))
+        matched = distances < reach
+        if matched.sum() < 10:
+            return model
+        rows = np.hstack([source, target[nearest]])[matched]
+        aligned = reweighted_fit(registration, aligned, rows, reach, 5)
+        # Four standard deviations of a coordinate: the median length of a 3D Gaussian vector is 1.54 of them.
+        reach = min(reach, 4.0 / 1.54 * float(np.median(distances[matched])))
+    distances, nearest = tree.query(apply(aligned, source))
+    overlapping = int((distances < scale[nearest]).sum())
+    near = int((distances < 0.2 * scale[nearest]).sum())
+    chance = 1.0 - np.exp(-8.0 * 0.2**2)
+    explained = overlapping * chance + 5.0 * np.sqrt(overlapping * chance * (1.0 - chance))
+    return aligned if near > explained else model
+
+
+def apply(model: Array, points: Array) -> Array:
+    return points @ model[:, :3].T + model[:, 3]
 
 
 def _some(points: Array) -> Array:

@@ -25,7 +25,7 @@ def ordered_map(task: Callable[[int], Outcome], count: int, workers: Workers = N
     workers : None (one thread for each core), a number of threads, or an executor, which is left running
     """
     if isinstance(workers, Executor):
-        yield from _ahead(task, count, workers, getattr(workers, "_max_workers", None) or _cores())
+        yield from _ahead(task, count, workers, getattr(workers, "_max_workers", None) or cores())
         return
     threads = _thread_count(workers)
     if threads == 1 or count == 1:
@@ -51,13 +51,13 @@ def _ahead(task: Callable[[int], Outcome], count: int, pool: Executor, width: in
 
 def _thread_count(workers: int | None) -> int:
     if workers is None:
-        return _cores()
+        return cores()
     if isinstance(workers, int) and not isinstance(workers, bool) and workers >= 1:
         return workers
     raise ValueError(f"workers must be None, a positive integer or an Executor, got {workers!r}")
 
 
-def _cores() -> int:
+def cores() -> int:
     """Cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nonsac.kernels.distinct import keep_distinct
 from nonsac.kernels.nearest_field import align_to_field, score_models
 from nonsac.result import Array
 from nonsac.surfaces import NearestField, Surface
@@ -37,7 +38,7 @@ class Overlap:
         """Distance beyond which points do not overlap."""
         return self.target_field.reach
 
-    def best(self, models: Array, keep: int, first: int = 64) -> Array:
+    def best(self, models: Array, keep: int, first: int = 32) -> Array:
         """The `keep` models under which the source lies closest to the target, best first.
 
         All are scored on the `first` coarse points (which are spread evenly), the more promising ones on all.
@@ -45,11 +46,11 @@ class Overlap:
         points = self.source.points[self.source.coarse]
         stride = max(1, len(points) // first)
         scores = self._scores(models, points[::stride])
-        promising = np.argsort(scores, kind="stable")[: 8 * keep]
+        promising = np.argsort(scores, kind="stable")[: 6 * keep]
         scores = self._scores(models[promising], points)
         return models[promising[np.argsort(scores, kind="stable")[:keep]]]
 
-    def aligned(self, models: Array, iterations: int = 20) -> Array:
+    def aligned(self, models: Array, iterations: int = 15) -> Array:
         """The models moved to near minima of the source's distances to the target."""
         field = self.target_field
         moved = np.ascontiguousarray(models).copy()
@@ -101,12 +102,5 @@ def inverse(model: Array) -> Array:
 def distinct(models: Array, angle: float, distance: float) -> np.ndarray:
     """Numbers of the models that differ from all before them by more than `angle` degrees or `distance`."""
     chord = np.sqrt(8.0) * np.sin(np.radians(angle) / 2.0)
-    kept: list[int] = []
-    for i, model in enumerate(models):
-        differences = models[kept] - model
-        near = (np.linalg.norm(differences[:, :, :3], axis=(1, 2)) < chord) & (
-            np.linalg.norm(differences[:, :, 3], axis=1) < distance
-        )
-        if not near.any():
-            kept.append(i)
-    return np.array(kept, np.int64)
+    kept = np.empty(len(models), np.int64)
+    return kept[: keep_distinct(np.ascontiguousarray(models), chord**2, distance**2, kept)]

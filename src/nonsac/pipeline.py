@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from nonsac.result import Array, Hypothesis, Result, Status, failed, homogeneous
 from nonsac.sampling import canonical_seed, sample_rows
 from nonsac.scoring import ScoringRule
 from nonsac.sources import Source
+
 
 class Stop(Protocol):
     """Says after each sample whether the hypotheses so far are enough."""
@@ -102,14 +104,14 @@ def estimate(
 
     winner, scores = scoring.select(selector, hypotheses, problem)
     clock.lap("selection")
-    rows = task.union(len(hypotheses))
-    info |= {"samples": len(hypotheses), "nonfinite_rows": task.drawn(len(hypotheses)) - len(rows)}
-    info["seconds"] = clock.laps
+    dropped = sum(h.dropped for h in hypotheses)
+    info |= {"samples": len(hypotheses), "dropped_rows": dropped, "seconds": clock.laps}
     if not hypotheses[winner].found:
-        status = Status.DEGENERATE if len(rows) >= problem.minimal_size else Status.TOO_FEW
-        return failed(status, noise, info, tuple(hypotheses))
+        enough = any(len(h.residuals) >= problem.minimal_size for h in hypotheses)
+        return failed(Status.DEGENERATE if enough else Status.TOO_FEW, noise, info, tuple(hypotheses))
 
-    refinement = refiner.refine(problem, hypotheses, winner, rows, task.threshold)
+    union = functools.cache(functools.partial(task.union, len(hypotheses)))
+    refinement = refiner.refine(problem, hypotheses, winner, union, task.threshold)
     clock.lap("refinement")
     return Result(
         T=homogeneous(refinement.model),
@@ -138,31 +140,23 @@ class SampleTask:
     seed: int
 
     def __call__(self, sample: int) -> Hypothesis:
-        rows = self.rows(sample)
+        drawn = self.source.take(self._indices(sample))
+        rows = drawn[np.isfinite(drawn).all(axis=1)]
+        dropped = len(drawn) - len(rows)
         if len(rows) < self.problem.minimal_size:
-            return Hypothesis(np.full((3, 4), np.nan), np.full(len(rows), np.inf), self.threshold, sample)
+            nothing = np.full((3, 4), np.nan)
+            return Hypothesis(nothing, np.full(len(rows), np.inf), self.threshold, sample, dropped=dropped)
         rng = np.random.default_rng([self.seed, sample])
         hypothesis = self.estimator.estimate(self.problem, rows, self.threshold, rng)
-        return replace(hypothesis, sample=sample)
-
-    def rows(self, sample: int) -> Array:
-        """The finite rows of one sample."""
-        rows = self.source.take(self._indices(sample))
-        return rows[np.isfinite(rows).all(axis=1)]
+        return replace(hypothesis, sample=sample, dropped=dropped)
 
     def union(self, samples: int) -> Array:
         """The finite rows that the first samples hold together, each once."""
-        rows = self.source.take(self._union_indices(samples))
+        rows = self.source.take(np.unique(np.concatenate([self._indices(i) for i in range(samples)])))
         return rows[np.isfinite(rows).all(axis=1)]
-
-    def drawn(self, samples: int) -> int:
-        return len(self._union_indices(samples))
 
     def _indices(self, sample: int) -> np.ndarray:
         return sample_rows(len(self.source), sample, self.samples, self.sample_size, self.seed)
-
-    def _union_indices(self, samples: int) -> np.ndarray:
-        return np.unique(np.concatenate([self._indices(i) for i in range(samples)]))
 
 
 class Stopwatch:
@@ -185,9 +179,7 @@ def _plan(rule: ScoringRule, samples: int, estimator: Estimator) -> tuple[int, E
 
 def _check(source: Source, problem: Problem, noise: float, samples: int, sample_size: int) -> None:
     if source.width != problem.width:
-        raise ValueError(
-            f"source has rows of {source.width} columns, {type(problem).__name__} needs {problem.width}"
-        )
+        raise ValueError(f"source has rows of {source.width} columns, {type(problem).__name__} needs {problem.width}")
     if not (np.isfinite(noise) and noise > 0):
         raise ValueError(f"noise must be a positive number, the standard deviation of an inlier, got {noise!r}")
     if samples < 1:

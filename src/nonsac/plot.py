@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["boxplot", "clouds", "render"]
+__all__ = ["boxplot", "clouds", "picture_suffix", "render"]
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def clouds(
     ImportError
         If matplotlib is missing.
     """
-    suffix = _suffix(path)
+    suffix = picture_suffix(path)
     before, fixed = _thin("source", source), _thin("target", target)
     transform = np.asarray(T, dtype=np.float64)
     if transform.shape != (4, 4):
@@ -83,6 +83,7 @@ def boxplot(
     errors: Mapping[str, ArrayLike],
     times: Mapping[str, ArrayLike],
     paper: Mapping[str, float] | None = None,
+    label: str = "published in the paper",
 ) -> None:
     """Draw rotation errors for each rule, and processing times, as box plots (Fig. 2 of the paper).
 
@@ -101,6 +102,8 @@ def boxplot(
     paper : dict of float, optional
         Published values to compare with, marked with a diamond; keys as in `errors` (degrees) or `times`
         (seconds).
+    label : str
+        What the diamonds are, for the legend.
 
     Raises
     ------
@@ -110,7 +113,7 @@ def boxplot(
     ImportError
         If matplotlib is missing.
     """
-    suffix = _suffix(path)
+    suffix = picture_suffix(path)
     published = dict(paper or {})
     unknown = sorted(set(published) - set(errors) - set(times))
     if unknown:
@@ -126,7 +129,7 @@ def boxplot(
     _log_axis(left, "degrees", (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 90, 180))
     _log_axis(right, "seconds", [digit * 10.0**power for power in range(-4, 5) for digit in (1, 3)])
     if published:
-        _write_text(figure, 0.98, 0.95, "\N{BLACK DIAMOND} published in the paper", 12, ha="right")
+        _write_text(figure, 0.98, 0.95, f"\N{BLACK DIAMOND} {label}", 12, ha="right")
     _write(path, figure, suffix)
 
 
@@ -161,7 +164,14 @@ def render(figure: Figure, suffix: str) -> bytes:
     return buffer.getvalue()
 
 
-def _suffix(path: str | os.PathLike[str]) -> str:
+def picture_suffix(path: str | os.PathLike[str]) -> str:
+    """Suffix of the path of a picture, in lower case.
+
+    Raises
+    ------
+    ValueError
+        If it is not .png, .pdf or .svg.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in (".png", ".pdf", ".svg"):
         raise ValueError(f"path is {os.fspath(path)!r}; expected a picture that ends in .png, .pdf or .svg")
@@ -285,9 +295,7 @@ def _numbered(names: Sequence[str]) -> list[str]:
     return [name if name == "refined" else f"{next(numbers)}  {name.replace('_', ' ')}" for name in names]
 
 
-def _boxes(
-    axes: Axes, samples: Mapping[str, Floats], published: Mapping[str, float], labels: list[str]
-) -> None:
+def _boxes(axes: Axes, samples: Mapping[str, Floats], published: Mapping[str, float], labels: list[str]) -> None:
     for place, (name, values) in enumerate(samples.items(), start=1):
         _box(axes, place, values, _SOURCE if name == "refined" else _TARGET)
         if name in published:

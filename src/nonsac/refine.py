@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -11,6 +11,10 @@ import numpy as np
 from nonsac.problems import Problem
 from nonsac.result import Alternative, Array, Hypothesis, Status
 from nonsac.verdict import judge_rows
+
+
+# Reads the rows that all samples hold together, each once; only where they are needed.
+Rows = Callable[[], Array]
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Refiner(Protocol):
     """Improves the winner, given all hypotheses and the union of their samples' rows."""
 
     def refine(
-        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, rows: Array, threshold: float
+        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
     ) -> Refinement: ...
 
 
@@ -39,9 +43,9 @@ class AsSelected:
     """The selected hypothesis as it is, for studies of the rules; judged on the union of the samples."""
 
     def refine(
-        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, rows: Array, threshold: float
+        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
     ) -> Refinement:
-        return judged(problem, hypotheses, hypotheses[winner].model, rows, threshold)
+        return judged(problem, hypotheses, hypotheses[winner].model, union(), threshold)
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,9 @@ class UnionRefit:
     iterations: int = 20
 
     def refine(
-        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, rows: Array, threshold: float
+        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
     ) -> Refinement:
+        rows = union()
         models = np.stack([h.model for h in hypotheses if h.found])
         costs = truncated_costs(problem, models, rows, threshold)
         chosen = models[np.argsort(costs, kind="stable")[: self.candidates]]

@@ -59,6 +59,8 @@ class Hypothesis:
         Further models that the estimator found worth a look, best first.
     tested : int
         How many candidate models the estimator compared before it chose this one.
+    dropped : int
+        Rows of the sample that were left out because they were not finite.
     score : float
         What the scoring rule gave it; higher is better.
     """
@@ -69,6 +71,7 @@ class Hypothesis:
     sample: int = 0
     alternatives: Array = field(default_factory=lambda: np.empty((0, 3, 4)))
     tested: int = 1
+    dropped: int = 0
     score: float = float("nan")
 
     @property
@@ -136,6 +139,9 @@ class Result:
 
     @property
     def scale(self) -> float:
+        """Factor of the lengths; NaN where nothing was found."""
+        if not np.isfinite(self.T).all():
+            return float("nan")
         return float(np.cbrt(np.linalg.det(self.T[:3, :3])))
 
     @property
@@ -242,9 +248,7 @@ def homogeneous(model: Array) -> Array:
     return T
 
 
-def failed(
-    status: Status, noise: float, info: dict[str, Any], hypotheses: tuple[Hypothesis, ...] = ()
-) -> Result:
+def failed(status: Status, noise: float, info: dict[str, Any], hypotheses: tuple[Hypothesis, ...] = ()) -> Result:
     """A result without an answer."""
     nothing = np.full((4, 4), np.nan)
     return Result(nothing, status, 0.0, 0, 0, float(noise), threshold_of(noise), hypotheses, info=info)

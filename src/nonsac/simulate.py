@@ -115,9 +115,7 @@ def registration(n: int, outlier_ratio: float, noise: float, rng: Seed, scale: f
     return Pairs(source, target, T, inliers)
 
 
-def cloud_pair(
-    cloud: ArrayLike, rng: Seed, points: int = 500, overlap: float = 0.5, noise: float = 0.01
-) -> CloudPair:
+def cloud_pair(cloud: ArrayLike, rng: Seed, points: int = 500, overlap: float = 0.5, noise: float = 0.01) -> CloudPair:
     """Two partly shared, differently posed samples of one cloud (Section 4.4 of the paper).
 
     The cloud is scaled to fit inside the unit cube (longest side 1). Two random subsets of `points` points
@@ -154,8 +152,7 @@ def cloud_pair(
     needed = 2 * points - shared
     if needed > len(unit):
         raise ValueError(
-            f"cloud has {len(unit)} points; expected at least {needed}, "
-            f"for two subsets of {points} that share {shared}"
+            f"cloud has {len(unit)} points; expected at least {needed}, for two subsets of {points} that share {shared}"
         )
     generator = _generator(rng)
     chosen = generator.choice(len(unit), needed, replace=False)

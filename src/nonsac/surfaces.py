@@ -9,9 +9,16 @@ import numpy as np
 import small_gicp
 from scipy.spatial import cKDTree
 
-from nonsac.kernels.nearest_field import fill_field, nearest_distances, supported_points
+from nonsac.kernels.nearest_field import fill_cost, fill_nearest, nearest_distances, supported_points
+from nonsac.kernels.planes import fit_planes
 from nonsac.result import Array
 
+
+# Smallest difference of the mean log distances of clutter and surface: a factor of three and a half.
+_CLUTTER_GAP = 1.25
+
+# A grid of five bytes a cell stays near 100 MB.
+_MAX_CELLS = 2e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,17 +31,26 @@ class NearestField:
     cells_per_unit: float
     reach: float
     nearest: np.ndarray
-    cost: np.ndarray
 
     @classmethod
     def around(cls, points: Array, normals: Array, reach: float, cell: float) -> NearestField:
         """The field of a cloud (n, 3) with cells of size `cell`, up to the distance `reach` from its points."""
         margin = reach + cell
+        volume = float(np.prod(np.ptp(points, axis=0) + 2.0 * margin))
+        cell = max(cell, (volume / _MAX_CELLS) ** (1.0 / 3.0))
+        margin = reach + cell
         corner = points.min(axis=0) - margin
         shape = tuple(int(c) for c in np.ceil((points.max(axis=0) + margin - corner) / cell))
-        nearest, cost = np.empty(shape, np.int32), np.empty(shape, np.uint8)
-        fill_field(points, corner, 1.0 / cell, reach, nearest, cost)
-        return cls(points, normals, corner, 1.0 / cell, reach, nearest, cost)
+        nearest = np.empty(shape, np.int32)
+        fill_nearest(points, corner, 1.0 / cell, reach, nearest)
+        return cls(points, normals, corner, 1.0 / cell, reach, nearest)
+
+    @cached_property
+    def cost(self) -> np.ndarray:
+        """Distance from each cell's centre to its nearest point as a share of `reach`, 0 to 255."""
+        cost = np.empty(self.nearest.shape, np.uint8)
+        fill_cost(self.points, self.corner, self.cells_per_unit, self.reach, self.nearest, cost)
+        return cost
 
     def distances(self, model: Array, points: Array) -> Array:
         """Distance of each moved point to the cloud, at most `reach`: (n,)."""
@@ -76,12 +92,15 @@ class Surface:
         The numbers of some hundred of them, evenly spread.
     spacing : float
         Distance between neighbouring coarse points.
+    noisy : bool
+        Whether the cloud had to be smoothed: its noise is as large as the distance between its points.
     """
 
     points: Array
     normals: Array
     coarse: np.ndarray
     spacing: float
+    noisy: bool
 
     @classmethod
     def from_points(cls, points: Array, spacing: float | None = None, dense: int = 6000, coarse: int = 500) -> Surface:
@@ -89,11 +108,14 @@ class Surface:
 
         Coarse points are one in each cube of side `spacing`, or about `coarse` where it is not given.
         """
-        planes = LocalPlanes.of(thin_to(points, dense))
-        if planes.cluttered:
-            planes = LocalPlanes.of(thin_to(without_clutter(points), dense))
-        spacing = spacing or voxel_for(planes.points, coarse)
-        return cls(planes.points, planes.normals, _coarse(planes.points, spacing), spacing)
+        thinned = thin_to(points, dense)
+        planes = LocalPlanes.of(thinned)
+        noisy = planes.thick
+        if noisy:
+            planes = LocalPlanes.of(thin_to(without_clutter(points), dense)).smoothed()
+            thinned = planes.points
+        spacing = spacing or voxel_for(thinned, min(coarse, int(0.8 * len(thinned))))
+        return cls(thinned, planes.normals, _coarse(thinned, spacing), spacing, noisy)
 
     def with_spacing(self, spacing: float) -> Surface:
         """The same surface with other coarse points."""
@@ -125,35 +147,49 @@ class LocalPlanes:
 
     @classmethod
     def of(cls, points: Array) -> LocalPlanes:
-        count = int(np.clip(len(points) // 150, 10, 30))
-        neighbors = cKDTree(points).query(points, min(count, len(points)), workers=-1)[1]
-        centred = points[neighbors]
-        means = centred.mean(axis=1)
-        centred -= means[:, None]
-        values, vectors = np.linalg.eigh(np.matmul(centred.transpose(0, 2, 1), centred))
-        normals = np.ascontiguousarray(vectors[:, :, 0])
-        offsets = np.einsum("ij,ij->i", points - means, normals)
-        variation = values[:, 0] / np.maximum(values.sum(axis=1), np.finfo(np.float64).tiny)
-        return cls(points - offsets[:, None] * normals, normals, variation)
+        neighbors = (
+            cKDTree(points).query(points, neighbor_count(len(points), 30), workers=-1)[1].reshape(len(points), -1)
+        )
+        moved, normals, variation = np.empty_like(points), np.empty_like(points), np.empty(len(points))
+        fit_planes(points, neighbors, moved, normals, variation)
+        return cls(moved, normals, variation)
 
     @property
-    def cluttered(self) -> bool:
-        """Whether a good part of the points lie in no surface."""
-        return bool((self.variation > 0.1).mean() > 0.25)
+    def thick(self) -> bool:
+        """Whether the cloud is no thin surface at this resolution: noise as large as the spacing, or clutter."""
+        return bool(np.median(self.variation) > 0.05)
+
+    def smoothed(self, rounds: int = 4) -> LocalPlanes:
+        """Planes of the points on these planes, and so on until the surface is thin."""
+        planes = self
+        for _ in range(rounds):
+            if not planes.thick:
+                break
+            planes = LocalPlanes.of(planes.points)
+        return planes
+
+
+def neighbor_count(points: int, most: int) -> int:
+    """How many neighbours describe the surface around a point of a cloud with this many points."""
+    return min(points, int(np.clip(points // 150, 10, most)))
 
 
 def without_clutter(points: Array) -> Array:
-    """The points in dense neighbourhoods, as scattered points are further from their neighbours than scanned ones.
+    """The cloud without points scattered in space, which are much further from their neighbours than scanned ones.
 
     The logarithms of the distances to the tenth neighbour are split in two where the groups' variance is smallest
-    (Otsu 1979).
+    (Otsu 1979). Where the two groups lie close together there is no clutter, and nothing is removed.
     """
     distances = cKDTree(points).query(points, [min(10, len(points))], workers=-1)[0][:, 0]
-    values = np.sort(np.log(np.maximum(distances, np.finfo(np.float64).tiny)))
-    size = np.arange(1, len(values))
-    total = np.cumsum(values)
-    between = (total[:-1] / size - total[-1] / len(values)) ** 2 * size / (len(values) - size)
-    return points[np.log(np.maximum(distances, np.finfo(np.float64).tiny)) <= values[int(np.argmax(between))]]
+    logs = np.log(np.maximum(distances, np.finfo(np.float64).tiny))
+    ordered = np.sort(logs)
+    size = np.arange(1, len(ordered))
+    sums = np.cumsum(ordered)
+    low_mean, high_mean = sums[:-1] / size, (sums[-1] - sums[:-1]) / (len(ordered) - size)
+    split = int(np.argmax(size * (len(ordered) - size) * (high_mean - low_mean) ** 2))
+    if high_mean[split] - low_mean[split] < _CLUTTER_GAP:
+        return points
+    return points[logs <= ordered[split]]
 
 
 def _coarse(points: Array, spacing: float) -> np.ndarray:
@@ -176,13 +212,12 @@ def thin_to(points: Array, count: int) -> Array:
 def voxel_for(points: Array, count: int) -> float:
     """Side of the cubes that thin a cloud to about `count` points."""
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
-    low, high = 1e-4 * extent, extent
     if len(points) > 20 * count:  # a first, fine thinning makes the search cheap, whatever the size of the cloud
-        points = thin(points, extent / (4.0 * np.sqrt(count) * 2.0))
-    for _ in range(20):
-        voxel = float(np.sqrt(low * high))
+        points = thin(points, 0.1 * extent / np.sqrt(count))
+    voxel = 0.5 * extent / np.sqrt(count)
+    for _ in range(12):  # surfaces: the number of occupied cubes goes with the inverse square of their side
         occupied = small_gicp.voxelgrid_sampling(points, voxel).size()
         if abs(occupied - count) <= 0.05 * count:
             break
-        low, high = (voxel, high) if occupied > count else (low, voxel)
+        voxel *= float(np.sqrt(occupied / count))
     return voxel

@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from nonsac.io import write_atomically
+from nonsac.io import check_target, write_atomically
 
 
 def test_writes_through_a_file_of_the_same_suffix_and_folder(tmp_path):
@@ -65,3 +65,8 @@ def test_umask_and_links_are_respected(tmp_path):
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "target").read_bytes() == b"new"
     assert (tmp_path / "target").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_folder_that_is_write_protected(tmp_path, refused, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert "is write-protected; choose another one" in refused(check_target, tmp_path / "a.txt")

@@ -46,9 +46,7 @@ class OrientedPairs:
     def with_budget(self, factor: int) -> Self:
         return replace(self, max_pairs=self.max_pairs * factor, candidates=self.candidates * factor)
 
-    def estimate(
-        self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator
-    ) -> Hypothesis:
+    def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
         if not isinstance(problem, OrientedRegistration):
             raise TypeError(f"OrientedPairs needs the problem OrientedRegistration, got {type(problem).__name__}")
         motions = problem.solve_minimal(rows[self._pairs(problem, rows)])
@@ -70,8 +68,6 @@ class OrientedPairs:
         """Row numbers (P, 2) of the consistent pairs."""
         columns = np.ascontiguousarray(rows.T, np.float32)
         pairs = np.empty((self.max_pairs, 2), np.int32)
-        tolerance, angle, smallest = (
-            np.float32(x) for x in (self.tolerance, problem.angle, self.smallest_distance)
-        )
+        tolerance, angle, smallest = (np.float32(x) for x in (self.tolerance, problem.angle, self.smallest_distance))
         count = consistent_pairs(columns, tolerance, angle, smallest, pairs)
         return pairs[: min(count, len(pairs))]

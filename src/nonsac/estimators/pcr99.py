@@ -65,9 +65,7 @@ class Pcr99:
     @classmethod
     def for_pairs(cls) -> Pcr99:
         """The variant of Sec. 4.3: distances; 1,000 consistent or 10,000 drawn triplets."""
-        return cls(
-            "distance", tolerance=0.6, enough_inliers=None, max_valid=1000, max_drawn=10_000
-        )
+        return cls("distance", tolerance=0.6, enough_inliers=None, max_valid=1000, max_drawn=10_000)
 
     @classmethod
     def for_all_pairs(cls) -> Pcr99:
@@ -78,9 +76,7 @@ class Pcr99:
         """As in the paper's footnote: more triplets are drawn, but no more consistent ones are asked for."""
         return replace(self, max_drawn=self.max_drawn * factor)
 
-    def estimate(
-        self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator
-    ) -> Hypothesis:
+    def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
         if not isinstance(problem, Registration):
             raise TypeError(f"Pcr99 estimates 3D registrations only, got {type(problem).__name__}")
         if self.compare == "distance" and problem.scale is None:

@@ -24,7 +24,7 @@ def write_atomically(path: FilePath, writer: Callable[[Path], object]) -> None:
         If the folder is missing, the target is not a regular file, or the system refuses to write.
     """
     target = Path(os.path.realpath(path))
-    _check_target(path, target)
+    check_target(path)
     # Not from tempfile: it would give the final file the mode 0600 instead of the user's umask.
     temporary = target.with_name(f".nonsac-{secrets.token_hex(8)}{target.suffix}")
     try:
@@ -38,11 +38,21 @@ def write_atomically(path: FilePath, writer: Callable[[Path], object]) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _check_target(path: FilePath, target: Path) -> None:
+def check_target(path: FilePath) -> None:
+    """Check that a file can be written, before the work whose result it is to hold.
+
+    Raises
+    ------
+    InputError
+        If the folder is missing or write-protected, or the target is not a regular file.
+    """
+    target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise input_error(path, f"the folder {target.parent} does not exist", "create it first")
     if target.exists() and not target.is_file():
         raise input_error(path, "is a folder or a device, not a file", "give the name of a file")
+    if not os.access(target.parent, os.W_OK):
+        raise input_error(path, f"the folder {target.parent} is write-protected", "choose another one")
 
 
 def _flush_to_disk(path: Path) -> None:

@@ -74,9 +74,7 @@ def _read_text(path: FilePath) -> tuple[_Points, _Points]:
 
 
 def _refuse_cloud(path: FilePath) -> tuple[_Points, _Points]:
-    raise input_error(
-        path, "this format is for one cloud, not for pairs", "give the target cloud as the second file"
-    )
+    raise input_error(path, "this format is for one cloud, not for pairs", "give the target cloud as the second file")
 
 
 def _split(rows: _Points) -> tuple[_Points, _Points]:

@@ -143,9 +143,7 @@ def _parse_header(path: FilePath, header: str) -> tuple[str, list[_Element]]:
     return order, elements
 
 
-def _read_ascii(
-    table: Table, elements: Sequence[_Element], position: int, axes: Sequence[int]
-) -> NDArray[np.float64]:
+def _read_ascii(table: Table, elements: Sequence[_Element], position: int, axes: Sequence[int]) -> NDArray[np.float64]:
     filled = [index for index, line in enumerate(table.lines) if line]
     # Counting the rows of all elements, as a face must not pass for a missing vertex.
     promised = sum(element.count for element in elements if element.properties)
@@ -202,9 +200,7 @@ def _read_binary(
     return unpack_columns(body, vertex.count, formats, offsets, [vertex.least_row_size] * 3)
 
 
-def _property_starts(
-    path: FilePath, body: bytes, start: int, order: str, element: _Element
-) -> Iterator[list[int]]:
+def _property_starts(path: FilePath, body: bytes, start: int, order: str, element: _Element) -> Iterator[list[int]]:
     """Yield for each row where its properties start and, at last, where it ends: rows with lists differ."""
     for row in range(element.count):
         starts = [start]

@@ -5,49 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from nonsac.kernels._jit import kernel
+from nonsac.kernels.eigen import diagonalise
 
 
 @kernel
 def largest_eigenvector(matrix, vector):
-    """Eigenvector of the largest eigenvalue of a symmetric 4x4 `matrix`, by cyclic Jacobi rotations.
+    """Unit eigenvector of the largest eigenvalue of a symmetric 4x4 `matrix`, which is destroyed.
 
-    `matrix` is destroyed, the unit vector is written to `vector`, and the gap to the second largest eigenvalue,
-    relative to the spread of all four, is returned: near 0 the vector is not determined by the data.
+    Returns the gap to the second largest eigenvalue, relative to the spread of all four: near 0 the vector is not
+    determined by the data.
     """
-    basis = np.eye(4)
-    scale = 0.0
-    for i in range(4):
-        for j in range(4):
-            scale = max(scale, abs(matrix[i, j]))
-    for _ in range(24):
-        off_diagonal = 0.0
-        for i in range(3):
-            for j in range(i + 1, 4):
-                off_diagonal = max(off_diagonal, abs(matrix[i, j]))
-        if off_diagonal <= 1e-16 * scale:
-            break
-        for p in range(3):
-            for q in range(p + 1, 4):
-                if matrix[p, q] == 0.0:
-                    continue
-                theta = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
-                tangent = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
-                if theta < 0.0:
-                    tangent = -tangent
-                cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)
-                sine = tangent * cosine
-                for k in range(4):
-                    left, right = matrix[k, p], matrix[k, q]
-                    matrix[k, p] = cosine * left - sine * right
-                    matrix[k, q] = sine * left + cosine * right
-                for k in range(4):
-                    left, right = matrix[p, k], matrix[q, k]
-                    matrix[p, k] = cosine * left - sine * right
-                    matrix[q, k] = sine * left + cosine * right
-                for k in range(4):
-                    left, right = basis[k, p], basis[k, q]
-                    basis[k, p] = cosine * left - sine * right
-                    basis[k, q] = sine * left + cosine * right
+    basis = np.empty((4, 4))
+    diagonalise(matrix, basis)
     best = 0
     for i in range(1, 4):
         if matrix[i, i] > matrix[best, best]:

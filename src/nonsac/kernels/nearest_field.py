@@ -1,7 +1,7 @@
 """A grid that knows the nearest point of a cloud, so that thousands of poses a millisecond can be scored against it.
 
 The grid covers the cloud's bounding box and a margin of `reach`. `nearest` (X, Y, Z) int32 holds the number of the
-point nearest to each cell's centre, -1 where none is within `reach`, and `cost` (X, Y, Z) uint8 that distance as a
+point nearest to each cell's centre, -1 where none is within `reach`; `cost` (X, Y, Z) uint8 that distance as a
 share of `reach`, 0 to 255. A position x falls into the cell floor((x - corner) * cells_per_unit).
 """
 
@@ -13,11 +13,13 @@ from nonsac.kernels._jit import kernel, reordered_kernel
 
 
 @kernel
-def fill_field(points, corner, cells_per_unit, reach, nearest, cost):
+def fill_nearest(points, corner, cells_per_unit, reach, nearest):
     """Write each point's number into all cells within `reach` that have no nearer one."""
     size = 1.0 / cells_per_unit
     span = int(np.ceil(reach * cells_per_unit)) + 1
-    squared = np.full(nearest.shape, np.float32(reach * reach))
+    squared_reach = np.float32(reach * reach)
+    squared = np.empty(nearest.shape, np.float32)
+    squared[:] = squared_reach
     nearest[:] = -1
     cell = np.empty(3, np.int64)
     low = np.empty(3, np.int64)
@@ -31,16 +33,31 @@ def fill_field(points, corner, cells_per_unit, reach, nearest, cost):
             dx = corner[0] + (u + 0.5) * size - points[i, 0]
             for v in range(low[1], high[1]):
                 dy = corner[1] + (v + 0.5) * size - points[i, 1]
+                across = dx * dx + dy * dy
+                if across >= squared_reach:
+                    continue
                 for w in range(low[2], high[2]):
                     dz = corner[2] + (w + 0.5) * size - points[i, 2]
-                    distance = np.float32(dx * dx + dy * dy + dz * dz)
+                    distance = np.float32(across + dz * dz)
                     if distance < squared[u, v, w]:
                         squared[u, v, w] = distance
                         nearest[u, v, w] = i
+
+
+@kernel
+def fill_cost(points, corner, cells_per_unit, reach, nearest, cost):
+    """Distance from each cell's centre to its nearest point as a share of `reach`, 0 to 255."""
+    size = 1.0 / cells_per_unit
     for u in range(nearest.shape[0]):
         for v in range(nearest.shape[1]):
             for w in range(nearest.shape[2]):
-                cost[u, v, w] = np.uint8(255.0 * np.sqrt(squared[u, v, w]) / reach)
+                i = nearest[u, v, w]
+                cost[u, v, w] = 255
+                if i >= 0:
+                    x = corner[0] + (u + 0.5) * size - points[i, 0]
+                    y = corner[1] + (v + 0.5) * size - points[i, 1]
+                    z = corner[2] + (w + 0.5) * size - points[i, 2]
+                    cost[u, v, w] = np.uint8(min(255.0, 255.0 * np.sqrt(x * x + y * y + z * z) / reach))
 
 
 @kernel

@@ -1,0 +1,204 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import naive
+from nonsac import simulate
+from nonsac.estimators import Pcr99
+from nonsac.problems import Registration
+
+NOISE = 0.01
+THRESHOLD = 5 * NOISE
+VARIANTS = {
+    "published": (Pcr99(), 1.0),
+    "for pairs": (Pcr99.for_pairs(), 1.0),
+    "for all pairs": (Pcr99.for_all_pairs(), 1.0),
+    "random": (Pcr99("distance", order="random", tolerance=0.6, max_drawn=400_000, max_valid=2000), 1.0),
+    "known scale": (Pcr99(), 2.5),
+    "known scale, distances": (Pcr99.for_pairs(), 2.5),
+    "free scale": (Pcr99(), None),
+}
+variants = pytest.mark.parametrize(("estimator", "scale"), VARIANTS.values(), ids=VARIANTS)
+
+
+def simulated(rng, scale=1.0, n=1000, outliers=0.95, noise=NOISE):
+    pairs = simulate.registration(n, outliers, noise, rng, scale=scale)
+    return np.hstack([pairs.source, pairs.target]), pairs.T, pairs.inliers
+
+
+def run(estimator, rows, scale=1.0, threshold=THRESHOLD, seed=0):
+    return estimator.estimate(Registration(scale), rows, threshold, np.random.default_rng(seed))
+
+
+@variants
+def test_finds_the_motion_among_95_percent_outliers(rng, estimator, scale):
+    rows, T, inliers = simulated(rng, scale or 3.0)
+    hypothesis = run(estimator, rows, scale)
+    assert naive.angle_between(hypothesis.model, T) < 4.0  # worst of 30 seeds: 2.9
+    assert np.cbrt(np.linalg.det(hypothesis.model[:, :3])) == pytest.approx(scale or 3.0, rel=0.03)
+    assert (hypothesis.residuals[inliers] < THRESHOLD).mean() > 0.9
+
+
+@variants
+def test_residuals_are_those_of_the_model(rng, estimator, scale):
+    rows, *_ = simulated(rng, scale or 3.0, outliers=0.8)
+    hypothesis = run(estimator, rows, scale)
+    np.testing.assert_allclose(hypothesis.residuals, naive.residuals(hypothesis.model, rows), atol=1e-12)
+
+
+@pytest.mark.parametrize("true_scale", [0.05, 0.5, 1.0, 8.0])
+def test_a_free_scale_is_recovered(rng, true_scale):
+    rows, T, _ = simulated(rng, true_scale, outliers=0.9, noise=1e-3 * true_scale)
+    model = run(Pcr99(tolerance=0.05), rows, None, threshold=5e-3 * true_scale).model
+    np.testing.assert_allclose(model, T[:3], atol=0.01 * max(true_scale, 0.1))
+
+
+@pytest.mark.parametrize("estimator", [Pcr99(), Pcr99.for_pairs(), Pcr99.for_all_pairs()])
+def test_99_percent_outliers_in_a_ranked_search(estimator):
+    """One sample of 2,000 rows with 20 right ones: a fair share of samples succeeds."""
+    errors = []
+    for seed in range(12):
+        rows, T, _ = simulated(seed, n=2000, outliers=0.99, noise=0.005)
+        errors.append(naive.angle_between(run(estimator, rows, threshold=0.025).model, T))
+    assert np.mean(np.array(errors) < 10.0) >= 0.4
+
+
+def test_published_settings():
+    assert Pcr99() == Pcr99("log_ratio", "ranked", 0.1, 0.009, 0, 100_000, 10_000_000)
+    assert Pcr99.for_pairs() == Pcr99("distance", "ranked", 0.6, None, 0, 1000, 10_000)
+    assert Pcr99.for_all_pairs() == Pcr99("distance", "ranked", 0.6, 0.0009, 1000, 5000, 10_000_000)
+
+
+def test_a_larger_budget_draws_more_but_asks_for_no_more_consistent_triplets():
+    larger = Pcr99.for_pairs().with_budget(30)
+    assert (larger.max_drawn, larger.max_valid) == (300_000, 1000)
+
+
+def test_the_search_stops_at_the_settings(rng):
+    rows = naive.matching_rows(rng, 60, naive.random_model(rng), noise=NOISE)  # all triplets are consistent
+    assert run(Pcr99("distance", tolerance=9, enough_inliers=None, max_valid=500), rows).tested == 500
+    assert run(Pcr99("distance", tolerance=9, enough_inliers=None, max_drawn=123), rows).tested == 123
+    assert run(Pcr99("distance", tolerance=9, enough_inliers=None, max_valid=10**6), rows).tested == 60 * 59 * 58 // 6
+    early = run(Pcr99("distance", tolerance=9, enough_inliers=0.5, max_valid=10**6), rows).tested
+    late = run(Pcr99("distance", tolerance=9, enough_inliers=0.5, min_valid=3500, max_valid=10**6), rows).tested
+    assert early <= 1000 < 3500 <= late <= 4500
+
+
+def test_the_random_order_draws_no_more_than_allowed(rng):
+    rows = naive.matching_rows(rng, 60, naive.random_model(rng), noise=NOISE)
+    settings = {"order": "random", "tolerance": 9, "enough_inliers": None}
+    assert 250 <= run(Pcr99("distance", **settings, max_drawn=300), rows).tested <= 300
+    assert 700 <= run(Pcr99("distance", **settings, max_valid=700), rows).tested <= 1700
+
+
+def test_enough_inliers_are_at_least_nine(rng):
+    model = naive.random_model(rng)
+    rows = np.vstack([naive.matching_rows(rng, 8, model), rng.uniform(-50, 50, (60, 6))])
+    stops_at_share = Pcr99("distance", tolerance=0.6, enough_inliers=1e-6, max_drawn=30_000)
+    never_stops = Pcr99("distance", tolerance=0.6, enough_inliers=None, max_drawn=30_000)
+    assert run(stops_at_share, rows).tested == run(never_stops, rows).tested
+
+
+def test_only_the_random_order_uses_the_random_numbers(rng):
+    rows, *_ = simulated(rng, outliers=0.99)
+    ranked = Pcr99.for_pairs()
+    np.testing.assert_array_equal(run(ranked, rows, seed=1).model, run(ranked, rows, seed=2).model)
+    drawn = Pcr99("distance", order="random", tolerance=0.6, max_drawn=3000)
+    assert not np.array_equal(run(drawn, rows, seed=1).model, run(drawn, rows, seed=2).model)
+
+
+def test_the_model_is_refitted_to_its_inliers(rng):
+    """Three noisy rows give a poor model; the fit to all inliers is as good as the oracle's."""
+    rows, T, inliers = simulated(rng, outliers=0.5)
+    model = run(Pcr99.for_pairs(), rows).model
+    best = naive.kabsch(rows[inliers], np.ones(inliers.sum()))
+    assert naive.angle_between(model, best) < 0.3
+    assert naive.angle_between(model, T) < 0.5
+
+
+@pytest.mark.parametrize("scale", [1.0, None])
+def test_ten_thousand_rows_take_little_memory(rng, scale):
+    rows, *_ = simulated(rng, scale or 1.0, n=10_000, outliers=0.5)
+    estimator = Pcr99.for_pairs() if scale else Pcr99(max_valid=1000)
+    run(estimator, rows[:50].copy(), scale)
+    tracemalloc.start()
+    try:
+        run(estimator, rows, scale)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 100e6  # a table of all pairs would take 10^8 entries
+
+
+def inverse(model):
+    scale = np.cbrt(np.linalg.det(model[:, :3]))
+    linear = model[:, :3].T / scale**2
+    return np.column_stack([linear, -linear @ model[:, 3]])
+
+
+@variants
+def test_symmetries_of_the_data(rng, estimator, scale):
+    """Swapped clouds, another order of rows, another unit or another frame: the same motion."""
+    rows, T, _ = simulated(rng, scale or 1.7, n=600, outliers=0.7, noise=0.004)
+    threshold, true_scale = 0.02, scale or 1.7
+
+    def check(rows, expected, scale=scale, threshold=threshold):
+        model = run(estimator, rows, scale, threshold).model
+        assert naive.angle_between(model, expected) < 1.5
+        moved = naive.moved(model, rows[:, :3]) - naive.moved(expected, rows[:, :3])
+        assert np.abs(moved).max() < threshold
+
+    check(rows, T[:3])
+    check(rows[rng.permutation(600)], T[:3])
+    check(rows[:, [3, 4, 5, 0, 1, 2]].copy(), inverse(T[:3]), scale and 1 / scale, threshold / true_scale)
+    for unit in (1e-3, 1e3):
+        check(unit * rows, np.column_stack([T[:3, :3], unit * T[:3, 3]]), scale, unit * threshold)
+    turn, shift = Rotation.random(random_state=rng).as_matrix(), np.array([50.0, -20.0, 8.0])
+    moved = np.hstack([rows[:, :3] @ turn.T + shift, rows[:, 3:]])
+    linear = T[:3, :3] @ turn.T
+    check(moved, np.column_stack([linear, T[:3, 3] - linear @ shift]))
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-6, 1e6, 1e12])
+def test_any_unit_will_do(rng, unit):
+    rows, T, _ = simulated(rng, n=600, outliers=0.9, noise=0.004)
+    model = run(Pcr99.for_pairs(), unit * rows, threshold=0.02 * unit).model
+    assert naive.angle_between(model, T) < 1.5
+
+
+@pytest.mark.parametrize("far", [1e6, 1e9, 1e15, 1e30])
+def test_one_row_far_from_all_others_does_no_harm(rng, far):
+    rows, T, _ = simulated(rng, n=600, outliers=0.9, noise=0.004)
+    rows[5, 3:] = far
+    rows[6, :3] = -far
+    assert naive.angle_between(run(Pcr99.for_pairs(), rows, threshold=0.02).model, T) < 1.5
+
+
+def test_a_row_that_is_not_finite_does_no_harm(rng):
+    rows, T, _ = simulated(rng, n=600, outliers=0.9, noise=0.004)
+    rows[5, 3] = np.nan
+    assert naive.angle_between(run(Pcr99.for_pairs(), rows, threshold=0.02).model, T) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        *(("compare", x) for x in ("ratio", None)),
+        *(("order", x) for x in ("best", None)),
+        *(("tolerance", x) for x in (0, -0.1, np.nan)),
+        *(("enough_inliers", x) for x in (-0.1, np.nan)),
+        *(("min_valid", x) for x in (-1,)),
+        *(("max_valid", x) for x in (0, -1)),
+        *(("max_drawn", x) for x in (0, -1)),
+    ],
+)
+def test_wrong_settings_are_refused_by_name(name, wrong):
+    with pytest.raises(ValueError, match=rf"^{name} must be"):
+        Pcr99(**{name: wrong})
+
+
+def test_distances_need_a_known_scale(rng):
+    with pytest.raises(ValueError, match="needs a known scale"):
+        run(Pcr99.for_pairs(), rng.standard_normal((20, 6)), scale=None)

@@ -1,0 +1,244 @@
+"""Slow, obvious implementations: the fast ones are held against them. Written from the papers, not from the code."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+# --- geometry -----------------------------------------------------------------------------------------------------
+
+
+def moved(model, points):
+    """Points under [A | t], (3, 4) or (4, 4)."""
+    return points @ model[:3, :3].T + model[:3, 3]
+
+
+def random_model(rng, scale=1.0, spread=1.0):
+    """A random similarity [s R | t]."""
+    return np.column_stack([scale * Rotation.random(random_state=rng).as_matrix(), spread * rng.standard_normal(3)])
+
+
+def matching_rows(rng, n, model, noise=0.0):
+    """Rows (a, b) of six numbers with b = model(a), disturbed."""
+    a = rng.standard_normal((n, 3))
+    return np.hstack([a, moved(model, a) + noise * rng.standard_normal((n, 3))])
+
+
+def angle_between(A, B):
+    """Degrees between the rotation parts of two models, the scale ignored."""
+    A, B = (M[:3, :3] / np.cbrt(np.linalg.det(M[:3, :3])) for M in (np.asarray(A), np.asarray(B)))
+    return np.degrees(Rotation.from_matrix(A @ B.T).magnitude())
+
+
+def residuals(model, rows):
+    """|A a + t - b| of each row."""
+    return np.array([np.linalg.norm(model[:, :3] @ row[:3] + model[:, 3] - row[3:6]) for row in rows])
+
+
+def kabsch(rows, weights, scale=1.0):
+    """Weighted least-squares similarity by SVD (Arun 1987, Umeyama 1991); scale None estimates it."""
+    w = weights / weights.sum()
+    mean_a, mean_b = w @ rows[:, :3], w @ rows[:, 3:]
+    a, b = rows[:, :3] - mean_a, rows[:, 3:] - mean_b
+    u, singular, vt = np.linalg.svd((w[:, None] * b).T @ a)
+    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    R = u @ sign @ vt
+    if scale is None:
+        scale = np.trace(np.diag(singular) @ sign) / (w @ (a**2).sum(axis=1))
+    return np.column_stack([scale * R, mean_b - scale * R @ mean_a])
+
+
+# --- consistency --------------------------------------------------------------------------------------------------
+
+
+def distances(rows, i, j):
+    return np.linalg.norm(rows[i, :3] - rows[j, :3]), np.linalg.norm(rows[i, 3:6] - rows[j, 3:6])
+
+
+def distance_disagreement(rows):
+    """| |a_i - a_j| - |b_i - b_j| | for all pairs of rows; infinite on the diagonal."""
+    n = len(rows)
+    result = np.full((n, n), np.inf)
+    for i in range(n):
+        for j in range(n):
+            if i != j:
+                result[i, j] = abs(math.dist(rows[i, :3], rows[j, :3]) - math.dist(rows[i, 3:6], rows[j, 3:6]))
+    return result
+
+
+def log_ratio_counts(rows, scale, tolerance):
+    """With how many others each row agrees on ln(|b_i - b_j| / |a_i - a_j|) being near ln(scale)."""
+    n = len(rows)
+    counts = np.zeros(n, int)
+    for i in range(n):
+        for j in range(n):
+            da, db = distances(rows, i, j)
+            if i != j and da > 0 and db > 0:
+                counts[i] += abs(np.log(db / da) - np.log(scale)) < tolerance
+    return counts
+
+
+def triplet_values(rows, triplet, by_ratio, scale):
+    values = []
+    for i, j in combinations(triplet, 2):
+        da, db = distances(rows, i, j)
+        if not (da > 0 and db > 0):
+            return None
+        values.append(np.log(db / da) if by_ratio else db - scale * da)
+    return np.array(values)
+
+
+def triplet_is_consistent(rows, triplet, by_ratio, scale, tolerance):
+    """All three differences near what the scale predicts, or, with scale None, near each other."""
+    values = triplet_values(rows, triplet, by_ratio, 1.0 if scale is None else scale)
+    if values is None:
+        return False
+    if scale is None:
+        return bool(np.ptp(values) < tolerance)
+    return bool((np.abs(values - (np.log(scale) if by_ratio else 0.0)) < tolerance).all())
+
+
+def triplets_by_rank_sum(n):
+    """All triplets i < j < k of range(n), the smallest sum first, ties in lexicographic order."""
+    return sorted(combinations(range(n), 3), key=lambda triplet: (sum(triplet), triplet))
+
+
+def oriented_pair_invariants(rows, i, j):
+    """Chord length, both points' distances to the other's tangent plane, cosine of the normals: in each cloud."""
+    result = []
+    for point, normal in ((slice(0, 3), slice(3, 6)), (slice(6, 9), slice(9, 12))):
+        chord = rows[j, point] - rows[i, point]
+        result.append(
+            (
+                np.linalg.norm(chord),
+                abs(rows[i, normal] @ chord),
+                abs(rows[j, normal] @ chord),
+                abs(rows[i, normal] @ rows[j, normal]),
+            )
+        )
+    return np.array(result)
+
+
+def oriented_pair_is_consistent(rows, i, j, tolerance, angle, smallest):
+    (length, *_), _ = invariants = oriented_pair_invariants(rows, i, j)
+    limits = np.array([tolerance, angle * length, angle * length, 1.5 * angle])
+    return bool(length > smallest and (np.abs(invariants[0] - invariants[1]) < limits).all())
+
+
+# --- nearest points -----------------------------------------------------------------------------------------------
+
+
+def cell_centres(shape, corner, cells_per_unit):
+    return corner + (np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) + 0.5) / cells_per_unit
+
+
+def nearest_to_cells(points, shape, corner, cells_per_unit):
+    """Distance of every cell's centre to the nearest point, and that point's number."""
+    centres = cell_centres(shape, corner, cells_per_unit).reshape(-1, 3)
+    table = np.linalg.norm(centres[:, None] - points[None], axis=2)
+    return table.min(axis=1).reshape(shape), table.argmin(axis=1).reshape(shape)
+
+
+# --- scoring rules, straight from the formulas of Sec. 3.2: each returns the winner --------------
+
+
+def inlier_counts(hypotheses):
+    return [sum(1 for r in h.residuals if r < h.threshold) for h in hypotheses]
+
+
+def _most(candidates, counts):
+    best = max(counts[i] for i in candidates)
+    return min(i for i in candidates if counts[i] == best)
+
+
+def most_inliers(hypotheses, distance):
+    counts = inlier_counts(hypotheses)
+    return _most(range(len(counts)), counts)
+
+
+def closest_pair(hypotheses, distance):
+    pairs = combinations(range(len(hypotheses)), 2)
+    pair = min(pairs, key=lambda p: distance(hypotheses[p[0]].model, hypotheses[p[1]].model))
+    return _most(pair, inlier_counts(hypotheses))
+
+
+def closest_triplet(hypotheses, distance):
+    def largest(triplet):
+        return max(distance(hypotheses[i].model, hypotheses[j].model) for i, j in combinations(triplet, 2))
+
+    return _most(min(combinations(range(len(hypotheses)), 3), key=largest), inlier_counts(hypotheses))
+
+
+def minimum(statistic):
+    def rule(hypotheses, distance):
+        values = [statistic([r for r in h.residuals if r < h.threshold]) for h in hypotheses]
+        return values.index(min(values))
+
+    return rule
+
+
+def pair_cost(k):
+    def rule(hypotheses, distance):
+        counts = inlier_counts(hypotheses)
+
+        def cost(pair):
+            i, j = pair
+            return max(counts[i], counts[j]) / distance(hypotheses[i].model, hypotheses[j].model) ** k
+
+        return _most(max(combinations(range(len(hypotheses)), 2), key=cost), counts)
+
+    return rule
+
+
+def truncated_lp(p):
+    def rule(hypotheses, distance):
+        costs = [sum(min(abs(r) ** p, h.threshold**p) for r in h.residuals) for h in hypotheses]
+        return costs.index(min(costs))
+
+    return rule
+
+
+def scoring_rules():
+    """Name in files -> oracle that returns the winner's number."""
+    return {
+        "most_inliers": most_inliers,
+        "closest_pair": closest_pair,
+        "closest_triplet": closest_triplet,
+        "minimum_mean": minimum(np.mean),
+        "minimum_median": minimum(np.median),
+        "minimum_q3": minimum(lambda r: np.percentile(r, 75)),
+        **{f"pair_{k}": pair_cost(float(k)) for k in ("0.02", "0.05", "0.1", "0.2", "0.5", "1")},
+        **{f"tlp_{p}": truncated_lp(float(p)) for p in ("0.01", "0.1", "0.2", "0.3", "0.5", "1", "2")},
+    }
+
+
+# --- the simplest problem: y = x + shift, one row determines it ------------------------------------------------------
+
+
+def shift_model(shift):
+    return np.column_stack([np.eye(3), [shift, 0.0, 0.0]])
+
+
+class Shift:
+    """Rows (x, y) with y = x + shift, in the form [I | (shift, 0, 0)]; models differ by |shift_a - shift_b|."""
+
+    width, minimal_size, split = 2, 1, 1
+
+    def solve_minimal(self, samples):
+        return np.stack([shift_model(y - x) for x, y in samples[:, 0]])
+
+    def residuals(self, models, rows):
+        return np.abs(rows[:, 0] + models[:, 0, 3, None] - rows[:, 1])
+
+    def count_inliers(self, models, rows, threshold):
+        return (self.residuals(models, rows) < threshold).sum(axis=1)
+
+    def refit(self, model, rows, weights):
+        return shift_model(np.average(rows[:, 1] - rows[:, 0], weights=weights)) if len(rows) else np.nan * model
+
+    def determined(self, model, inliers, threshold):
+        return True
+
+    def distance(self, a, b):
+        return np.abs(np.asarray(a)[..., 0, 3] - np.asarray(b)[..., 0, 3])

@@ -1,0 +1,69 @@
+"""What every source must do; a new source in `nonsac.sources` has to be added to EXAMPLES, the test says so."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import nonsac.sources
+from nonsac.sources import AllPairsSource, ArraySource, Source
+
+# Class -> a source and all of its rows.
+EXAMPLES = {
+    ArraySource: lambda: (ArraySource(np.arange(60.0).reshape(20, 3)), np.arange(60.0).reshape(20, 3)),
+    AllPairsSource: lambda: (
+        AllPairsSource([[1.0, 2], [3, 4], [5, 6]], np.arange(5.0)[:, None]),
+        np.array([[a, b, c] for a, b in ((1.0, 2), (3, 4), (5, 6)) for c in range(5)]),
+    ),
+}
+EXPORTED = [getattr(nonsac.sources, name) for name in nonsac.sources.__all__ if name != "Source"]
+
+
+@pytest.fixture(params=EXPORTED, ids=lambda kind: kind.__name__)
+def example(request):
+    assert request.param in EXAMPLES, f"add an example of {request.param.__name__} to EXAMPLES"
+    return EXAMPLES[request.param]()
+
+
+def test_follows_the_protocol(example):
+    source, rows = example
+    assert isinstance(source, Source)
+    assert (len(source), source.width) == rows.shape
+    assert type(len(source)) is type(source.width) is int
+
+
+def test_take_gives_the_rows_asked_for(example):
+    source, rows = example
+    for indices in ([0], [len(rows) - 1, 0], [2, 2, 1], range(len(rows)), []):
+        indices = np.array(indices, np.int64)
+        np.testing.assert_array_equal(source.take(indices), rows[indices].reshape(-1, source.width))
+
+
+def test_take_gives_fresh_writable_ordered_doubles(example):
+    source, rows = example
+    taken = source.take(np.array([1, 2]))
+    assert taken.dtype == np.float64
+    assert taken.flags.c_contiguous
+    assert taken.flags.writeable
+    taken[:] = -1.0
+    np.testing.assert_array_equal(source.take(np.array([1, 2])), rows[[1, 2]])
+
+
+@pytest.mark.parametrize("size", [1, 4, 7, 1000])
+def test_chunks_are_all_rows_in_order(example, size):
+    source, rows = example
+    chunks = list(source.chunks(size))
+    assert all(chunk.dtype == np.float64 and chunk.flags.c_contiguous and chunk.flags.writeable for chunk in chunks)
+    assert all(len(chunk) == size for chunk in chunks[:-1])
+    np.testing.assert_array_equal(np.vstack(chunks), rows)
+
+
+def test_travels_to_another_process(example):
+    source, rows = example
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(source)).take(np.array([3, 1])), rows[[3, 1]])
+
+
+@pytest.mark.parametrize("number", [10**6, -(10**6)])
+def test_a_row_that_does_not_exist_is_an_error(example, number):
+    with pytest.raises(IndexError):
+        example[0].take(np.array([number]))

@@ -1,0 +1,135 @@
+import threading
+import time
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import pytest
+
+from nonsac.executors import ordered_map
+
+
+def square(i):
+    return i * i
+
+
+def fails_at_3(i):
+    if i == 3:
+        raise RuntimeError("sample 3 failed")
+    return i
+
+
+class Recorder:
+    """A task that is slower for earlier numbers and remembers which numbers ran."""
+
+    def __init__(self, seconds=0.0):
+        self.seconds, self.started, self.lock = seconds, [], threading.Lock()
+
+    def __call__(self, i):
+        with self.lock:
+            self.started.append(i)
+        time.sleep(self.seconds)
+        return i
+
+
+def finished(value):
+    future = Future()
+    future.set_result(value)
+    return future
+
+
+workers = pytest.mark.parametrize("workers", [None, 1, 2, 5])
+
+
+@workers
+@pytest.mark.parametrize("count", [0, 1, 2, 30])
+def test_outcomes_come_in_order(workers, count):
+    assert list(ordered_map(square, count, workers)) == [i * i for i in range(count)]
+
+
+def test_outcomes_come_in_order_when_early_tasks_are_slow():
+    def slow_first(i):
+        time.sleep(0.02 if i % 4 == 0 else 0.0)
+        return i
+
+    assert list(ordered_map(slow_first, 16, 4)) == list(range(16))
+
+
+def test_an_executor_of_threads_is_used_and_left_running():
+    names = []
+    with ThreadPoolExecutor(2, thread_name_prefix="mine") as pool:
+        assert list(ordered_map(lambda i: names.append(threading.current_thread().name) or i, 9, pool)) == list(
+            range(9)
+        )
+        assert pool.submit(square, 5).result() == 25
+    assert all(name.startswith("mine") for name in names)
+
+
+def test_an_executor_of_processes_gives_the_same():
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        assert list(ordered_map(square, 20, pool)) == [i * i for i in range(20)]
+        assert pool.submit(square, 5).result() == 25
+
+
+def test_one_worker_runs_in_the_calling_thread():
+    names = list(ordered_map(lambda i: threading.current_thread(), 3, 1))
+    assert set(names) == {threading.main_thread()}
+
+
+@workers
+def test_exceptions_reach_the_caller_after_the_outcomes_before_them(workers):
+    outcomes = ordered_map(fails_at_3, 10, workers)
+    assert [next(outcomes) for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(RuntimeError, match="sample 3 failed"):
+        next(outcomes)
+
+
+@pytest.mark.parametrize("width", [1, 2, 4])
+def test_closing_early_cancels_what_has_not_started(width):
+    task = Recorder(0.005)
+    outcomes = ordered_map(task, 1000, width)
+    assert [next(outcomes), next(outcomes)] == [0, 1]
+    outcomes.close()
+    ran = len(task.started)
+    assert ran <= 2 + 2 * width + width
+    time.sleep(0.03)
+    assert len(task.started) == ran
+
+
+def test_closing_early_leaves_the_callers_executor_usable():
+    with ThreadPoolExecutor(2) as pool:
+        outcomes = ordered_map(Recorder(0.005), 1000, pool)
+        next(outcomes)
+        outcomes.close()
+        assert pool.submit(square, 3).result(timeout=5) == 9
+
+
+def test_only_a_few_tasks_run_ahead_of_a_slow_caller():
+    task = Recorder()
+    outcomes = ordered_map(task, 1000, 2)
+    next(outcomes)
+    time.sleep(0.05)
+    assert len(task.started) <= 5
+    outcomes.close()
+
+
+def test_two_workers_work_at_the_same_time():
+    both = threading.Barrier(2, timeout=5)
+    list(ordered_map(lambda i: both.wait() if i < 2 else None, 4, 2))
+
+
+def test_an_executor_without_a_known_width_is_served():
+    class Immediate(ThreadPoolExecutor):
+        def __init__(self):
+            super().__init__(1)
+            del self._max_workers
+
+        def submit(self, function, /, *args):
+            return finished(function(*args))
+
+    assert list(ordered_map(square, 50, Immediate())) == [i * i for i in range(50)]
+
+
+@pytest.mark.parametrize("wrong", [0, -1, True, 2.0, "2", "threads"])
+def test_other_workers_are_refused_by_name(wrong):
+    with pytest.raises(ValueError, match="workers must be"):
+        list(ordered_map(square, 3, wrong))

@@ -1,0 +1,96 @@
+"""What `import nonsac` costs, and that kernels compile once. Each runs in a process of its own."""
+
+import importlib
+import json
+import os
+import pkgutil
+import subprocess
+import sys
+
+import pytest
+
+import nonsac
+
+
+def run(code, **environment):
+    """What the code prints as JSON; warnings are errors there, too."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | environment, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_every_exported_name_exists():
+    assert sorted(nonsac.__all__) == nonsac.__all__
+    for name in nonsac.__all__:
+        assert hasattr(nonsac, name)
+
+
+@pytest.mark.parametrize("package", ["nonsac", "nonsac.problems", "nonsac.estimators", "nonsac.sources"])
+def test_exported_names_say_where_they_come_from(package):
+    module = importlib.import_module(package)
+    for name in module.__all__:
+        assert getattr(module, name).__name__.split(".")[-1] == name
+
+
+IMPORT = """
+import json, sys, time
+start = time.perf_counter()
+from numba.core.dispatcher import Dispatcher
+compiled = []
+compile = Dispatcher.compile
+Dispatcher.compile = lambda self, sig: compiled.append(self.__name__) or compile(self, sig)
+import nonsac
+seconds = time.perf_counter() - start
+print(json.dumps({"seconds": seconds, "compiled": compiled, "modules": sorted(sys.modules)}))
+"""
+
+
+def test_import_compiles_nothing_and_is_quick():
+    told = run(IMPORT)
+    assert told["compiled"] == []
+    assert told["seconds"] < 3.0
+    heavy = {"matplotlib", "pyplot", "typer", "rich", "trimesh", "open3d", "laspy", "pandas"}
+    assert not heavy & {name.split(".")[0] for name in told["modules"]}
+
+
+USE = """
+import json, pkgutil, importlib
+import numpy as np
+import nonsac, nonsac.kernels
+from numba.core.dispatcher import Dispatcher
+
+def kernels():
+    for module in pkgutil.iter_modules(nonsac.kernels.__path__):
+        for name, value in vars(importlib.import_module(f"nonsac.kernels.{module.name}")).items():
+            if isinstance(value, Dispatcher):
+                yield f"{module.name}.{name}", value
+
+pairs = nonsac.simulate.registration(3000, 0.8, 0.01, rng=0)
+for scale, estimator in ((1.0, None), (1, None), (2, nonsac.Pcr99()), (np.float32(1), None), (None, None),
+                         (1.0, nonsac.Pcr99("distance", order="random", tolerance=1, max_drawn=5000))):
+    nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=scale, estimator=estimator, samples=2)
+frozen = pairs.source.astype(np.float32)
+frozen.flags.writeable = False
+nonsac.register_pairs(frozen, np.asfortranarray(pairs.target), noise=1, samples=2)
+clouds = nonsac.simulate.demo_scans(0)
+nonsac.register_clouds(clouds.source, clouds.target, samples=2)
+nonsac.register_clouds(np.asfortranarray(clouds.source, np.float32), clouds.target, samples=2)
+print(json.dumps({name: [str(s) for s in kernel.signatures] for name, kernel in kernels()}))
+"""
+
+
+def test_kernels_compile_for_one_signature():
+    """Whatever dtype, memory order or number type a caller uses: each further signature costs seconds."""
+    signatures = run(USE)
+    assert len(signatures) > 10
+    unused = {name for name, found in signatures.items() if not found and "._" not in name}
+    assert unused <= {"kabsch.largest_eigenvector"}  # called by kernels only, as those with an underscore are
+    assert {name: found for name, found in signatures.items() if len(found) > 1} == {}
+
+
+def test_every_module_imports():
+    modules = [m.name for m in pkgutil.walk_packages(nonsac.__path__, "nonsac.")]
+    quiet = [name for name in modules if not name.endswith("__main__")]
+    code = "import importlib, json\n" + "\n".join(f"importlib.import_module({n!r})" for n in quiet) + "\nprint('true')"
+    assert run(code) is True

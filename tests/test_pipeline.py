@@ -1,0 +1,479 @@
+import math
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import naive
+import nonsac
+from nonsac import Hypothesis, Pcr99, Registration, Status, estimate, simulate
+from nonsac.refine import AsSelected, Refinement
+from nonsac.sampling import sample_rows
+from nonsac.scoring import MostInliers, TruncatedLp
+from nonsac.sources import ArraySource
+
+SEED, NOISE = 7, 0.2
+
+
+class TableSource(ArraySource):
+    """Remembers which rows were asked for."""
+
+    def __init__(self, rows):
+        super().__init__(rows)
+        self.taken = []
+
+    def take(self, indices):
+        self.taken.append(np.array(indices))
+        return super().take(indices)
+
+
+@dataclass
+class MockEstimator:
+    """The median shift of the sample's rows, or what `answers` says for the sample; remembers what it was given."""
+
+    answers: dict = field(default_factory=dict)
+    calls: list = field(default_factory=list)
+    budget: int = 1
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def with_budget(self, factor):
+        return MockEstimator(self.answers, self.calls, self.budget * factor, self.lock)
+
+    def estimate(self, problem, rows, threshold, rng):
+        with self.lock:
+            number = len(self.calls)
+            self.calls.append({"rows": rows, "threshold": threshold, "draw": rng.random(), "budget": self.budget})
+        shift = self.answers.get(number, np.median(rows[:, 1] - rows[:, 0]))
+        model = naive.shift_model(shift)
+        residuals = problem.residuals(model[None], rows)[0] if np.isfinite(shift) else np.full(len(rows), np.inf)
+        return Hypothesis(model if np.isfinite(shift) else np.full((3, 4), np.nan), residuals, threshold, tested=3)
+
+
+class SpyRefiner:
+    """Returns the winner as it is and remembers what it was given."""
+
+    def refine(self, problem, hypotheses, winner, union, threshold):
+        self.problem, self.hypotheses, self.winner = problem, hypotheses, winner
+        self.rows, self.threshold = union(), threshold
+        return Refinement(hypotheses[winner].model, Status.OK, 0.75, 12, 34)
+
+
+def shifted_rows(n=1000, shift=3.0, outliers=0.3):
+    """Row i starts with i, so that rows tell their own number."""
+    rng = np.random.default_rng(0)
+    x = np.arange(float(n))
+    y = x + shift + NOISE * rng.standard_normal(n)
+    y[rng.permutation(n)[: int(outliers * n)]] += rng.uniform(5, 500, int(outliers * n))
+    return np.column_stack([x, y])
+
+
+def run(rows=None, estimator=None, **settings):
+    source = (
+        rows
+        if hasattr(rows, "take") and hasattr(rows, "chunks")
+        else ArraySource(shifted_rows() if rows is None else rows)
+    )
+    settings = {"noise": NOISE, "samples": 5, "sample_size": 40, "workers": 1, "rng": SEED} | settings
+    return estimate(source, naive.Shift(), estimator or MockEstimator(), **settings)
+
+
+def numbers(rows):
+    return rows[:, 0].astype(int)
+
+
+# --- sampling -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("n", "samples", "size"), [(1000, 5, 40), (100, 5, 40), (30, 3, 40), (200, 5, 40)])
+def test_the_estimator_gets_the_rows_of_each_sample(n, samples, size):
+    estimator = MockEstimator()
+    run(shifted_rows(n), estimator, samples=samples, sample_size=size)
+    assert len(estimator.calls) == samples
+    for i, call in enumerate(estimator.calls):
+        np.testing.assert_array_equal(numbers(call["rows"]), sample_rows(n, i, samples, size, SEED))
+
+
+def test_the_threshold_is_five_times_the_noise():
+    estimator = MockEstimator()
+    result = run(estimator=estimator)
+    assert all(call["threshold"] == 5 * NOISE for call in estimator.calls)
+    assert (result.threshold, result.noise) == (5 * NOISE, NOISE)
+
+
+def test_each_sample_has_random_numbers_of_its_own_that_repeat():
+    first, second, other = MockEstimator(), MockEstimator(), MockEstimator()
+    run(estimator=first)
+    run(estimator=second)
+    run(estimator=other, rng=SEED + 1)
+    draws = [call["draw"] for call in first.calls]
+    assert len(set(draws)) == 5
+    assert draws == [call["draw"] for call in second.calls]
+    assert not set(draws) & {call["draw"] for call in other.calls}
+
+
+def test_only_sampled_rows_are_read():
+    source = TableSource(shifted_rows(100_000))
+    run(source)
+    assert len(np.unique(np.concatenate(source.taken))) == 5 * 40
+
+
+def test_a_source_of_a_trillion_rows_is_no_problem():
+    class Virtual:
+        width = 2
+
+        def __len__(self):
+            return 10**12
+
+        def take(self, indices):
+            return np.column_stack([indices, indices + 3.0])
+
+        def chunks(self, rows):
+            raise AssertionError("the whole source must not be read")
+
+    result = run(Virtual())
+    assert result.success
+    assert result.t[0] == pytest.approx(3.0, abs=1e-3)
+
+
+def test_the_refiner_gets_the_union_of_the_samples_each_row_once():
+    spy, n = SpyRefiner(), 100
+    run(shifted_rows(n), refine=spy)
+    expected = np.unique(np.concatenate([sample_rows(n, i, 5, 40, SEED) for i in range(5)]))
+    assert len(expected) < 200
+    np.testing.assert_array_equal(numbers(spy.rows), expected)
+    assert spy.threshold == 5 * NOISE
+
+
+# --- selection, refinement and what comes back ------------------------------------------------------------------------
+
+
+def test_the_rule_selects_and_the_refiner_has_the_last_word():
+    spy = SpyRefiner()
+    result = run(estimator=MockEstimator({3: 2.95, 0: 90.0, 1: 91.0, 2: 92.0, 4: 93.0}), refine=spy)
+    assert spy.winner == 3
+    assert result.t[0] == 2.95
+    assert (result.status, result.confidence, result.num_inliers, result.num_rows) == (Status.OK, 0.75, 12, 34)
+    np.testing.assert_array_equal(result.T, np.vstack([naive.shift_model(2.95), [0, 0, 0, 1]]))
+
+
+def test_hypotheses_come_back_in_order_with_their_scores():
+    result = run(rule="most_inliers")
+    assert [h.sample for h in result.hypotheses] == [0, 1, 2, 3, 4]
+    assert [h.score for h in result.hypotheses] == [h.num_inliers for h in result.hypotheses]
+
+
+def test_a_rule_may_be_named_or_given():
+    by_name, given = run(rule="most_inliers"), run(rule=MostInliers())
+    np.testing.assert_array_equal(by_name.T, given.T)
+    assert by_name.info["rule"] == given.info["rule"] == "most_inliers"
+
+
+def test_a_rule_of_ones_own():
+    class Third:
+        name = "third"
+
+        def scores(self, hypotheses, problem):
+            return [0.0, 0.0, 1.0, 0.0, 0.0]
+
+    result = run(rule=Third(), refine="none", estimator=MockEstimator({2: 77.0}))
+    assert result.t[0] == 77.0
+    assert result.info["rule"] == "third"
+
+
+def test_refine_none_returns_the_selected_model_and_union_improves_it():
+    rows = shifted_rows(outliers=0.0)
+    selected, refined = run(rows, refine="none"), run(rows, refine="union")
+    assert any(np.array_equal(selected.T[:3], h.model) for h in selected.hypotheses)
+    assert abs(refined.t[0] - 3.0) < 4 * NOISE / math.sqrt(200)
+    np.testing.assert_array_equal(run(rows, refine=AsSelected()).T, selected.T)
+
+
+def test_inliers_belong_to_the_model_returned():
+    result = run()
+    drawn = np.concatenate([sample_rows(1000, i, 5, 40, SEED) for i in range(5)])
+    residuals = naive.Shift().residuals(result.T[None, :3], shifted_rows()[drawn])[0]
+    assert result.num_rows == 200
+    assert result.num_inliers == (residuals < result.threshold).sum()
+
+
+def test_fixed_draws_one_sample_with_the_budget_of_all():
+    estimator = MockEstimator()
+    result = run(estimator=estimator, rule="fixed", samples=30)
+    assert [call["budget"] for call in estimator.calls] == [30]
+    assert len(estimator.calls[0]["rows"]) == 40
+    assert (len(result.hypotheses), result.info["samples"]) == (1, 1)
+
+
+def test_info_says_how_the_answer_came_about():
+    info = run().info
+    assert info["seed"] == SEED
+    assert info["version"] == version("nonsac") == nonsac.__version__
+    assert (info["samples"], info["sample_size"]) == (5, 40)
+    assert info["rule"] == "tlp_0.1"
+    assert list(info["seconds"]) == ["hypotheses", "selection", "refinement"]
+    assert all(seconds >= 0 for seconds in info["seconds"].values())
+
+
+def test_progress_is_told_after_each_sample():
+    told = []
+    run(progress=lambda done, samples: told.append((done, samples)))
+    assert told == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5)]
+
+
+def test_a_seed_from_entropy_is_recorded_and_replays():
+    first = run(rng=None)
+    np.testing.assert_array_equal(run(rng=first.info["seed"]).T, first.T)
+    assert first.info["seed"] != run(rng=None).info["seed"]
+
+
+def test_a_generator_gives_the_seed():
+    seed = run(rng=np.random.default_rng(3)).info["seed"]
+    assert seed == run(rng=np.random.default_rng(3)).info["seed"] != run(rng=np.random.default_rng(4)).info["seed"]
+
+
+# --- stopping ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_stop_sees_every_prefix_and_ends_the_sampling(workers):
+    seen = []
+
+    def stop(hypotheses, problem):
+        assert isinstance(problem, naive.Shift)
+        seen.append([h.sample for h in hypotheses])
+        return len(hypotheses) == 3
+
+    spy = SpyRefiner()
+    result = run(samples=20, stop=stop, workers=workers, refine=spy)
+    assert seen == [[0], [0, 1], [0, 1, 2]]
+    assert [h.sample for h in result.hypotheses] == [0, 1, 2]
+    assert result.info["samples"] == 3
+    expected = np.sort(np.concatenate([sample_rows(1000, i, 20, 40, SEED) for i in range(3)]))
+    np.testing.assert_array_equal(numbers(spy.rows), expected)
+
+
+def test_stopping_early_gives_the_same_first_samples():
+    whole, part = run(), run(stop=lambda hypotheses, problem: len(hypotheses) == 2)
+    for h, g in zip(part.hypotheses, whole.hypotheses, strict=False):
+        np.testing.assert_array_equal(h.model, g.model)
+
+
+def test_stopping_leaves_no_samples_running():
+    estimator = MockEstimator()
+    run(estimator=estimator, samples=25, stop=lambda hypotheses, problem: True)
+    assert len(estimator.calls) == 1
+
+
+def test_a_stop_that_never_stops_changes_nothing():
+    np.testing.assert_array_equal(run(stop=lambda hypotheses, problem: False).T, run().T)
+
+
+# --- bad data end in a status -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_rows_that_are_not_finite_are_dropped(bad):
+    rows = shifted_rows(100)
+    rows[::4, 1] = bad
+    estimator, spy = MockEstimator(), SpyRefiner()
+    run(rows, estimator, samples=2, sample_size=40, refine=spy)
+    drawn = np.concatenate([sample_rows(100, i, 2, 40, SEED) for i in range(2)])
+    assert all(np.isfinite(call["rows"]).all() for call in estimator.calls)
+    np.testing.assert_array_equal(numbers(spy.rows), np.sort(drawn[drawn % 4 != 0]))
+
+
+def test_no_rows_are_too_few():
+    result = run(np.empty((0, 2)))
+    assert result.status is Status.TOO_FEW
+    assert np.isnan(result.T).all()
+    assert result.info["samples"] == 0
+    assert result.hypotheses == ()
+
+
+def test_rows_without_a_finite_one_are_too_few():
+    estimator = MockEstimator()
+    result = run(np.full((50, 2), np.nan), estimator)
+    assert result.status is Status.TOO_FEW
+    assert np.isnan(result.T).all()
+    assert estimator.calls == []
+
+
+def test_nothing_found_is_degenerate():
+    result = run(estimator=MockEstimator(dict.fromkeys(range(5), np.nan)))
+    assert result.status is Status.DEGENERATE
+    assert np.isnan(result.T).all()
+    assert (result.confidence, result.num_inliers, len(result.hypotheses)) == (0.0, 0, 5)
+
+
+@pytest.mark.parametrize("found", range(5))
+@pytest.mark.parametrize("rule", ["most_inliers", "closest_pair", "closest_triplet", "pair_0.1", "tlp_0.1"])
+def test_one_found_model_is_enough(found, rule):
+    nothing = dict.fromkeys(set(range(5)) - {found}, np.nan)
+    result = run(estimator=MockEstimator(nothing), rule=rule)
+    assert result.success
+    assert result.t[0] == pytest.approx(3.0, abs=0.2)
+
+
+def test_random_rows_support_nothing():
+    rows = np.random.default_rng(0).uniform(0, 1000, (1000, 2))
+    result = run(rows, noise=0.1)
+    assert result.status is Status.LOW_SUPPORT
+    assert np.isfinite(result.T).all()
+
+
+def test_an_error_in_the_estimator_reaches_the_caller():
+    class Broken(MockEstimator):
+        def estimate(self, problem, rows, threshold, rng):
+            raise ZeroDivisionError("mine")
+
+    for workers in (1, 2):
+        with pytest.raises(ZeroDivisionError, match="mine"):
+            run(estimator=Broken(), workers=workers)
+
+
+# --- wrong arguments --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        *(("noise", x) for x in (0, -1.0, math.nan, math.inf, "0.1", None, [0.1, 0.2])),
+        *(("samples", x) for x in (0, -3, 2.5, "3", None)),
+        *(("sample_size", x) for x in (0, -1, 10.5, "10", None)),
+        *(("rule", x) for x in ("best", "tlp_", 3)),
+        *(("refine", x) for x in ("icp", "", 3)),
+        *(("workers", x) for x in (0, -1, 1.5, "all")),
+        *(("rng", x) for x in (-1, 0.5, "seed")),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(name, wrong):
+    with pytest.raises((ValueError, TypeError), match=rf"^{name} must be"):
+        run(**{name: wrong})
+
+
+def test_a_source_of_the_wrong_width_is_refused():
+    with pytest.raises(ValueError, match="source has rows of 3 columns, Shift needs 2"):
+        run(np.zeros((10, 3)))
+
+
+def test_settings_are_keyword_only():
+    with pytest.raises(TypeError):
+        estimate(ArraySource(shifted_rows()), naive.Shift(), MockEstimator(), NOISE)
+
+
+# --- a problem and an estimator of a user's own -----------------------------------------------------------------------
+
+
+class Line:
+    """Lines in the plane, as the motion [R | t] that takes the x axis to the line; rows are points (x, y)."""
+
+    width, minimal_size, split = 2, 2, 1
+
+    def solve_minimal(self, samples):
+        return np.stack([self._through(first, second - first) for first, second in samples])
+
+    def residuals(self, models, rows):
+        offsets = rows[None] - models[:, None, :2, 3]
+        return np.abs((offsets * models[:, None, :2, 1]).sum(axis=2))
+
+    def count_inliers(self, models, rows, threshold):
+        return (self.residuals(models, rows) < threshold).sum(axis=1)
+
+    def refit(self, model, rows, weights):
+        mean = np.average(rows, axis=0, weights=weights)
+        _, _, directions = np.linalg.svd(np.sqrt(weights)[:, None] * (rows - mean), full_matrices=False)
+        return self._through(mean, directions[0])
+
+    def determined(self, model, inliers, threshold):
+        return bool(np.ptp(inliers @ model[:2, 0]) > threshold)
+
+    def distance(self, a, b):
+        cosines = (np.asarray(a)[..., :2, 0] * np.asarray(b)[..., :2, 0]).sum(axis=-1)
+        return np.degrees(np.arccos(np.minimum(np.abs(cosines), 1.0)))
+
+    @staticmethod
+    def _through(point, direction):
+        c, s = direction / np.linalg.norm(direction)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return np.column_stack([R, [*point, 0.0]])
+
+
+@dataclass(frozen=True)
+class TinyRansac:
+    iterations: int = 200
+
+    def with_budget(self, factor):
+        return TinyRansac(self.iterations * factor)
+
+    def estimate(self, problem, rows, threshold, rng):
+        k = problem.minimal_size
+        samples = np.stack([rows[rng.choice(len(rows), k, replace=False)] for _ in range(self.iterations)])
+        models = problem.solve_minimal(samples)
+        best = models[np.argmax(problem.count_inliers(models, rows, threshold))]
+        return Hypothesis(best, problem.residuals(best[None], rows)[0], threshold, tested=len(models))
+
+
+def points_on_a_line(rng, n, outliers):
+    along, across = rng.uniform(-10, 10, n), 0.02 * rng.standard_normal(n)
+    points = np.column_stack([1 + 0.8 * along - 0.6 * across, 2 + 0.6 * along + 0.8 * across])
+    points[: int(outliers * n)] = rng.uniform(-12, 12, (int(outliers * n), 2))
+    return points
+
+
+@pytest.mark.parametrize("rule", ["tlp_0.1", "closest_pair", "fixed"])
+def test_a_users_own_problem_works_end_to_end(rng, rule):
+    points = points_on_a_line(rng, 20_000, 0.8)
+    settings = {"noise": 0.02, "samples": 6, "sample_size": 300, "rule": rule}
+    result = estimate(ArraySource(points), Line(), TinyRansac(), **settings)
+    assert result.success
+    direction, point = result.T[:2, 0], result.T[:2, 3]
+    assert abs(direction @ [-0.6, 0.8]) < 0.005
+    assert abs((point - [1.0, 2.0]) @ [-0.6, 0.8]) < 0.02
+    assert result.num_inliers == pytest.approx(0.2 * result.num_rows, rel=0.3)
+
+
+def test_a_users_own_problem_without_a_line_is_not_claimed(rng):
+    points = rng.uniform(-12, 12, (20_000, 2))
+    assert not estimate(ArraySource(points), Line(), TinyRansac(), noise=0.02, samples=6, sample_size=300).success
+
+
+# --- the same bits for any workers ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("estimator", "scale"),
+    [
+        (Pcr99.for_pairs(), 1.0),
+        (Pcr99("distance", order="random", tolerance=0.6, max_valid=300, max_drawn=50_000), 1.0),
+        (Pcr99(max_drawn=5000), None),
+    ],
+    ids=["ranked", "random", "free scale"],
+)
+def test_any_workers_give_the_same_bits(estimator, scale):
+    pairs = simulate.registration(4000, 0.9, 0.01, rng=1)
+    source = ArraySource(np.hstack([pairs.source, pairs.target]))
+
+    def answer(workers):
+        result = estimate(
+            source, Registration(scale), estimator, noise=0.01, samples=6, sample_size=400, workers=workers, rng=5
+        )
+        scores = [h.score for h in result.hypotheses]
+        residuals = [h.residuals.tobytes() for h in result.hypotheses]
+        return result.T.tobytes(), scores, residuals, result.status, result.confidence, result.num_inliers
+
+    expected = answer(1)
+    assert expected[3] is Status.OK
+    assert answer(2) == answer(None) == expected
+    with ThreadPoolExecutor(3) as pool:
+        assert answer(pool) == expected
+    if estimator.order == "ranked" and scale == 1.0:
+        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+            assert answer(pool) == expected
+
+
+def test_the_default_rule_is_the_one_the_paper_recommends():
+    np.testing.assert_array_equal(run().T, run(rule=TruncatedLp(0.1)).T)

@@ -1,0 +1,130 @@
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import naive
+from nonsac.problems import Registration
+from nonsac.result import Status
+from nonsac.verdict import chance_rate, judge_overlap, judge_rows
+
+THRESHOLD = 0.1
+
+
+def scene(seed, n=500, right=50):
+    """A motion and rows in a box of side 2, of which the first are right."""
+    rng = np.random.default_rng(seed)
+    model = naive.random_model(rng, spread=0.0)
+    a = rng.uniform(-1, 1, (n, 3))
+    b = rng.uniform(-1, 1, (n, 3))
+    b[:right] = naive.moved(model, a[:right]) + 0.02 * rng.standard_normal((right, 3))
+    return model, np.hstack([a, b])
+
+
+def judge(model, rows, tested=1000):
+    return judge_rows(Registration(), model, rows, THRESHOLD, tested)
+
+
+def test_many_right_rows_are_trusted():
+    verdict = judge(*scene(0))
+    assert verdict.status is Status.OK
+    assert verdict.confidence > 1 - 1e-6
+
+
+def test_no_right_rows_are_not_trusted():
+    for seed in range(20):
+        verdict = judge(*scene(seed, right=0))
+        assert verdict.status is Status.LOW_SUPPORT
+        assert verdict.confidence < 0.5
+
+
+@pytest.mark.parametrize("right", [0, 1, 2, 3])
+def test_no_more_than_a_minimal_sample_supports_nothing(right):
+    model, rows = scene(1, n=10, right=right)
+    rows[right:, 3:] += 100.0
+    verdict = judge(model, rows)
+    assert (verdict.status, verdict.confidence) == (Status.LOW_SUPPORT, 0.0)
+
+
+def test_collinear_inliers_are_degenerate():
+    rng = np.random.default_rng(0)
+    model = naive.random_model(rng)
+    a = np.linspace(-1, 1, 100)[:, None] * [1.0, 0.0, 0.0]
+    verdict = judge(model, np.hstack([a, naive.moved(model, a)]))
+    assert (verdict.status, verdict.confidence) == (Status.DEGENERATE, 0.0)
+
+
+def test_the_chance_is_a_binomial_tail_times_the_number_of_models():
+    model, rows = scene(3, right=8)
+    inliers = (naive.residuals(model, rows) < THRESHOLD).sum()
+    rate = chance_rate(Registration(), model, rows, THRESHOLD)
+    for tested in (1, 2, 50):
+        chance = tested * sum(binom.pmf(k, len(rows) - 3, rate) for k in range(inliers - 3, len(rows)))
+        assert chance > 1e-9
+        assert judge(model, rows, tested).confidence == pytest.approx(1 - min(1, chance), abs=1e-9)
+
+
+def test_more_tested_models_lower_the_confidence():
+    model, rows = scene(3, right=12)
+    confidences = [judge(model, rows, tested).confidence for tested in (1, 10**3, 10**6, 10**12, 10**18)]
+    assert confidences == sorted(confidences, reverse=True)
+    assert confidences[-1] < confidences[0]
+
+
+def test_the_chance_rate_is_the_share_of_wrong_rows_within_the_threshold():
+    """Uniform points in a box of side 2: a ball of radius .1 around the moved point holds .1^3 4/3 pi / 8 of it."""
+    rng = np.random.default_rng(0)
+    a = rng.uniform(-0.8, 0.8, (3000, 3))
+    rows = np.hstack([a, rng.uniform(-1, 1, (3000, 3))])
+    rate = chance_rate(Registration(), np.eye(4)[:3], rows, 0.1)
+    assert rate == pytest.approx(4 / 3 * np.pi * 0.1**3 / 8, rel=0.5)
+
+
+def test_right_rows_do_not_raise_the_chance_rate():
+    model, rows = scene(0, right=0)
+    _, matched = scene(0, right=500)
+    rates = [chance_rate(Registration(), model, r, THRESHOLD) for r in (rows, matched)]
+    assert rates[1] < 0.01
+    assert rates[0] < 0.01
+
+
+@pytest.mark.parametrize("n", [2, 4, 5, 30])
+def test_no_row_keeps_its_own_partner_in_the_chance_rate(n):
+    """With exact rows far apart, only a row's own partner could count: half a count remains."""
+    a = 100.0 * np.arange(n)[:, None] * [1.0, 0.0, 0.0]
+    rate = chance_rate(Registration(), np.eye(4)[:3], np.hstack([a, a]), THRESHOLD)
+    assert 0 < rate < 1e-4
+
+
+def test_the_chance_rate_is_the_same_each_time():
+    model, rows = scene(2)
+    assert chance_rate(Registration(), model, rows, 0.3) == chance_rate(Registration(), model, rows, 0.3)
+
+
+def test_verdicts_are_calibrated_on_random_rows():
+    """The best of many random models, corrected for their number: a chance below 1 % comes up in about 1 % of cases."""
+    low = 0
+    for seed in range(150):
+        rng = np.random.default_rng([9, seed])
+        rows = rng.uniform(-1, 1, (300, 6))
+        models = np.stack([naive.random_model(rng, spread=0.3) for _ in range(40)])
+        best = models[np.argmax(Registration().count_inliers(models, rows, 0.3))]
+        low += judge_rows(Registration(), best, rows, 0.3, 40).confidence > 0.99
+    assert low <= 6
+
+
+def test_overlap_that_is_large_and_unrivalled_is_trusted():
+    verdict = judge_overlap(600, np.array([60, 30]), 1000)
+    assert verdict.status is Status.OK
+    assert verdict.confidence == pytest.approx(0.9)
+    assert judge_overlap(600, np.array([]), 1000).confidence == 1.0
+
+
+def test_overlap_that_is_rivalled_is_ambiguous():
+    verdict = judge_overlap(600, np.array([590, 30]), 1000)
+    assert (verdict.status, verdict.confidence) == (Status.AMBIGUOUS, 0.0)
+
+
+@pytest.mark.parametrize("support", [0, 1, 90])
+def test_little_overlap_is_not_trusted(support):
+    verdict = judge_overlap(support, np.array([]), 1000)
+    assert (verdict.status, verdict.confidence) == (Status.LOW_SUPPORT, 0.0)
