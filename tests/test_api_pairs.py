@@ -59,7 +59,7 @@ def test_survey_coordinates_keep_their_digits(offset):
 
 @pytest.mark.parametrize("true_scale", [0.1, 1.0, 5.0])
 def test_a_free_scale_is_recovered(true_scale):
-    pairs = simulate.registration(5_000, 0.9, 0.002 * true_scale, rng=1, scale=true_scale)
+    pairs = simulate.registration(2_000, 0.8, 0.002 * true_scale, rng=1, scale=true_scale)
     result = register_pairs(pairs.source, pairs.target, noise=0.002 * true_scale, scale=None)
     assert result.success
     assert result.scale == pytest.approx(true_scale, rel=0.002)
@@ -166,11 +166,16 @@ def test_settings_reach_the_pipeline(rng):
 # --- data that hold no answer -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scale", [1.0, None])
+@pytest.mark.parametrize(
+    ("scale", "estimator"),
+    [(1.0, None), (None, Pcr99(max_drawn=50_000)), (1.0, Pcr99(max_drawn=50_000))],
+    ids=["rigid", "free scale", "published"],
+)
 @pytest.mark.parametrize("seed", range(20))
-def test_pure_outliers_are_never_claimed(seed, scale):
+def test_pure_outliers_are_never_claimed(seed, scale, estimator):
     pairs = simulate.registration(1000, 1.0, NOISE, rng=seed)
-    result = register_pairs(pairs.source, pairs.target, noise=NOISE, scale=scale, samples=4, sample_size=300)
+    settings = {"noise": NOISE, "scale": scale, "estimator": estimator, "samples": 3, "sample_size": 300}
+    result = register_pairs(pairs.source, pairs.target, **settings)
     assert not result.success
     assert result.status in (Status.LOW_SUPPORT, Status.DEGENERATE)
     assert result.confidence < 1 - 1e-6
@@ -178,7 +183,7 @@ def test_pure_outliers_are_never_claimed(seed, scale):
 
 @pytest.mark.parametrize("n", [4, 5, 6, 8, 12, 20, 50])
 def test_few_random_pairs_are_never_claimed(n):
-    for seed in range(40):
+    for seed in range(25):
         rng = np.random.default_rng([n, seed])
         assert not register_pairs(rng.random((n, 3)), rng.random((n, 3)), noise=NOISE, samples=2, workers=1).success
 

@@ -214,6 +214,7 @@ def test_info_says_how_the_answer_came_about():
     assert info["version"] == version("nonsac") == nonsac.__version__
     assert (info["samples"], info["sample_size"]) == (5, 40)
     assert info["rule"] == "tlp_0.1"
+    assert info["dropped_rows"] == 0
     assert list(info["seconds"]) == ["hypotheses", "selection", "refinement"]
     assert all(seconds >= 0 for seconds in info["seconds"].values())
 
@@ -276,12 +277,13 @@ def test_a_stop_that_never_stops_changes_nothing():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_rows_that_are_not_finite_are_dropped(bad):
+def test_rows_that_are_not_finite_are_dropped_and_counted(bad):
     rows = shifted_rows(100)
     rows[::4, 1] = bad
     estimator, spy = MockEstimator(), SpyRefiner()
-    run(rows, estimator, samples=2, sample_size=40, refine=spy)
+    result = run(rows, estimator, samples=2, sample_size=40, refine=spy)
     drawn = np.concatenate([sample_rows(100, i, 2, 40, SEED) for i in range(2)])
+    assert result.info["dropped_rows"] == (drawn % 4 == 0).sum() > 0
     assert all(np.isfinite(call["rows"]).all() for call in estimator.calls)
     np.testing.assert_array_equal(numbers(spy.rows), np.sort(drawn[drawn % 4 != 0]))
 

@@ -10,10 +10,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner
+from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner, coarse_overlap
 from nonsac.estimators import Estimator, OrientedPairs, Pcr99
 from nonsac.executors import Workers
-from nonsac.overlap import Overlap
 from nonsac.pipeline import Stopwatch, estimate
 from nonsac.problems import OrientedRegistration, Registration
 from nonsac.refine import Refiner
@@ -78,12 +77,10 @@ def register_clouds(
     frame = CommonFrame.of(*clouds)
     full_source = (clouds[0] - frame.source_origin) / frame.unit
     full_target = (clouds[1] - frame.target_origin) / frame.unit
-    surfaces = [Surface.from_points(points) for points in (full_source, full_target)]
-    spacing = max(min(s.spacing for s in surfaces), 0.5 * max(s.spacing for s in surfaces))
-    overlap = Overlap.between(*(s.with_spacing(spacing) for s in surfaces), 1.5 * spacing, 0.6 * spacing)
+    overlap = coarse_overlap(Surface.from_points(full_source), Surface.from_points(full_target))
     clock.lap("preparation")
 
-    estimator = OrientedPairs(overlap, tolerance=0.6 * spacing, smallest_distance=3.0 * spacing)
+    estimator = OrientedPairs.for_overlap(overlap)
     search = partial(
         estimate,
         AllPairsSource(overlap.source.oriented, overlap.target.oriented),
@@ -92,7 +89,7 @@ def register_clouds(
         samples=samples,
         sample_size=sample_size,
         rule=TruncatedLp(1.0),
-        refine=SurfaceRefiner(overlap, frame, full_source, full_target),
+        refine=SurfaceRefiner(overlap, full_source, full_target),
         workers=workers,
         rng=seed,
         progress=progress,
@@ -100,14 +97,8 @@ def register_clouds(
     result = search(estimator, stop=Agreement(overlap.reach))
     if not result.success:  # harder than it looked: all samples, and twice the candidates in each
         result = search(estimator.with_budget(2))
-    seconds = clock.laps | result.info.pop("seconds")
-    return replace(
-        result,
-        T=frame.to_target(result.T[:3]),
-        noise=result.noise * frame.unit,
-        threshold=result.threshold * frame.unit,
-        info=info | result.info | {"spacing": spacing * frame.unit, "seconds": seconds},
-    )
+    seconds = clock.laps | result.info["seconds"]
+    return frame.restore(replace(result, info=result.info | info | {"seconds": seconds}))
 
 
 def register_pairs(

@@ -13,8 +13,8 @@ from nonsac.executors import cores
 from nonsac.overlap import Overlap, distinct
 from nonsac.problems import Problem, Registration
 from nonsac.refine import Refinement, Rows, reweighted_fit
-from nonsac.result import Alternative, Array, Hypothesis, homogeneous
-from nonsac.surfaces import neighbor_count, thin_to
+from nonsac.result import Alternative, Array, Hypothesis, Result, homogeneous
+from nonsac.surfaces import Surface, neighbor_count, thin_to
 from nonsac.verdict import judge_overlap
 
 # Answers nearer to each other than this are one answer.
@@ -42,6 +42,28 @@ class CommonFrame:
         T = homogeneous(model)
         T[:3, 3] = self.target_origin + self.unit * model[:, 3] - model[:, :3] @ self.source_origin
         return T
+
+    def restore(self, result: Result) -> Result:
+        """A result in the unit and frame of the given clouds."""
+        return replace(
+            result,
+            T=self.to_target(result.T[:3]),
+            noise=result.noise * self.unit,
+            threshold=result.threshold * self.unit,
+            hypotheses=tuple(map(self._restored, result.hypotheses)),
+            alternatives=tuple(replace(a, T=self.to_target(a.T[:3])) for a in result.alternatives),
+        )
+
+    def _restored(self, hypothesis: Hypothesis) -> Hypothesis:
+        others = [self.to_target(model)[:3] for model in hypothesis.alternatives]
+        return replace(
+            hypothesis,
+            model=self.to_target(hypothesis.model)[:3],
+            residuals=hypothesis.residuals * self.unit,
+            threshold=hypothesis.threshold * self.unit,
+            score=hypothesis.score * self.unit,
+            alternatives=np.stack(others) if others else hypothesis.alternatives,
+        )
 
 
 @dataclass(frozen=True)
@@ -84,15 +106,13 @@ class SurfaceRefiner:
     ----------
     coarse : Overlap
         On which the hypotheses were found.
-    frame : CommonFrame
     source, target : (n, 3) float64
-        The full clouds in the common frame, for the fine alignment.
+        The full clouds, for the fine alignment.
     candidates : int
         Distinct answers that are compared.
     """
 
     coarse: Overlap
-    frame: CommonFrame
     source: Array
     target: Array
     candidates: int = 60
@@ -114,7 +134,7 @@ class SurfaceRefiner:
         total = len(fine.source.coarse) + len(fine.target.coarse)
         verdict = judge_overlap(inliers, supports[1:], total)
         alternatives = tuple(
-            Alternative(self.frame.to_target(model), float(support) / total)
+            Alternative(homogeneous(model), float(support) / total)
             for model, support in zip(models[1:4], supports[1:4], strict=True)
         )
         return Refinement(best, verdict.status, verdict.confidence, inliers, total, alternatives)
@@ -137,6 +157,17 @@ class SurfaceRefiner:
             finished = model
         finished = align_coinciding(self.source, self.target, finished)
         return finished, sum(fine.support(finished))
+
+
+def coarse_overlap(source: Surface, target: Surface) -> Overlap:
+    """The overlap of two surfaces thinned to one spacing, on which motions are ranked.
+
+    The finer of the two spacings is used, so that a small object in a large scene keeps its points, but not finer
+    than half the coarser one.
+    """
+    spacings = source.spacing, target.spacing
+    spacing = max(min(spacings), 0.5 * max(spacings))
+    return Overlap.between(source.with_spacing(spacing), target.with_spacing(spacing), 1.5 * spacing, 0.6 * spacing)
 
 
 def dense_overlap(coarse: Overlap) -> Overlap:

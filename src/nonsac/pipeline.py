@@ -18,7 +18,7 @@ from nonsac.executors import Workers, ordered_map
 from nonsac.problems import Problem
 from nonsac.refine import Refiner
 from nonsac.result import Array, Hypothesis, Result, Status, failed, homogeneous, threshold_of
-from nonsac.sampling import canonical_seed, sample_rows
+from nonsac.sampling import canonical_seed, sample_rows, union_rows
 from nonsac.scoring import ScoringRule
 from nonsac.sources import Source
 
@@ -152,7 +152,8 @@ class SampleTask:
 
     def union(self, samples: int) -> Array:
         """The finite rows that the first samples hold together, each once."""
-        rows = self.source.take(np.unique(np.concatenate([self._indices(i) for i in range(samples)])))
+        indices = union_rows(len(self.source), samples, self.samples, self.sample_size, self.seed)
+        rows = self.source.take(indices)
         return rows[np.isfinite(rows).all(axis=1)]
 
     def _indices(self, sample: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from nonsac.problems import Problem
 from nonsac.result import Alternative, Array, Hypothesis, Status
 from nonsac.verdict import judge_rows
 
+_BLOCK = 8192
 
 # Reads the rows that all samples hold together, each once; only where they are needed.
 Rows = Callable[[], Array]
@@ -76,6 +77,8 @@ class UnionRefit:
         fitted = [reweighted_fit(problem, model, rows, threshold, self.iterations) for model in chosen]
         both = np.concatenate([chosen, np.stack(fitted)])
         best = both[int(np.argmin(truncated_costs(problem, both, rows, threshold)))]
+        again = reweighted_fit(problem, best, rows, threshold, self.iterations)
+        best = min((again, best), key=lambda model: truncated_costs(problem, model[None], rows, threshold)[0])
         return judged(problem, hypotheses, best, rows, threshold)
 
 
@@ -99,20 +102,23 @@ def judged(
 
 def truncated_costs(problem: Problem, models: Array, rows: Array, threshold: float) -> Array:
     """Sum of min(r^2, threshold^2) over the rows, for each model; infinite for a model of NaN."""
-    costs = np.full(len(models), np.inf)
-    for i, model in enumerate(models):  # one at a time: m x union residuals are not held
-        if np.isfinite(model).all():
-            costs[i] = np.minimum(problem.residuals(model[None], rows)[0] ** 2, threshold**2).sum()
-    return costs
+    costs = np.zeros(len(models))
+    for start in range(0, len(rows), _BLOCK):
+        residuals = problem.residuals(models, rows[start : start + _BLOCK])
+        costs += (np.minimum(residuals, threshold) ** 2).sum(axis=1)
+    return np.where(np.isfinite(costs), costs, np.inf)
 
 
 def reweighted_fit(problem: Problem, model: Array, rows: Array, threshold: float, iterations: int) -> Array:
-    """Iteratively reweighted least squares with Tukey's biweight, which is zero beyond the threshold."""
+    """Iteratively reweighted least squares with Tukey's biweight, which is zero beyond the threshold.
+
+    Only rows near the start are looked at, three thresholds wide; where the fit moves far, the caller starts again.
+    """
+    rows = rows[problem.residuals(model[None], rows)[0] < 3.0 * threshold]
     for _ in range(iterations):
         ratio = problem.residuals(model[None], rows)[0] / threshold
         weights = np.where(ratio < 1.0, (1.0 - ratio**2) ** 2, 0.0)
-        near = weights > 0
-        fitted = problem.refit(model, rows[near], weights[near])
+        fitted = problem.refit(model, rows, weights)
         if not np.isfinite(fitted).all():
             return model
         moved = np.abs(fitted - model).max()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.kernels.permutation import permute_positions
+
 Indices = NDArray[np.int64]
 
-_ROUNDS = 6
+_ROUNDS = 8
 
 
 def sample_rows(rows: int, sample: int, samples: int, sample_size: int, seed: int) -> Indices:
@@ -24,43 +26,27 @@ def sample_rows(rows: int, sample: int, samples: int, sample_size: int, seed: in
     if sample_size >= rows:
         return np.arange(rows, dtype=np.int64)
     if samples * sample_size <= rows:
-        positions = np.arange(sample * sample_size, (sample + 1) * sample_size)
-        return np.sort(permute(positions, rows, _key(seed, 0)))
-    return np.sort(permute(np.arange(sample_size), rows, _key(seed, sample + 1)))
+        return np.sort(permutation(rows, sample * sample_size, sample_size, seed))
+    return np.sort(permutation(rows, 0, sample_size, seed, stream=sample + 1))
 
 
-def permute(positions: NDArray[np.integer], rows: int, key: NDArray[np.uint64]) -> Indices:
-    """Where a keyed pseudo-random permutation of `range(rows)` sends `positions`.
+def union_rows(rows: int, count: int, samples: int, sample_size: int, seed: int) -> Indices:
+    """Row numbers that the first `count` of the samples hold together, each once, sorted."""
+    if samples * sample_size <= rows:
+        return np.sort(permutation(rows, 0, count * sample_size, seed))
+    return np.unique(np.concatenate([sample_rows(rows, i, samples, sample_size, seed) for i in range(count)]))
 
-    A balanced Feistel network on the smallest even number of bits that holds `rows`, walked along its cycles until
-    the value falls into the range (Black and Rogaway, "Ciphers with arbitrary finite domains", 2002).
+
+def permutation(rows: int, first: int, count: int, seed: int, stream: int = 0) -> Indices:
+    """A piece of a pseudo-random permutation of `range(rows)`: its values at `first` to `first + count - 1`.
+
+    Each (seed, stream) gives another permutation.
     """
-    half_bits = np.uint64(max(1, ((rows - 1).bit_length() + 1) // 2))
-    values = _feistel(np.asarray(positions, np.uint64), half_bits, key)
-    outside = np.flatnonzero(values >= rows)
-    while outside.size:
-        values[outside] = _feistel(values[outside], half_bits, key)
-        outside = outside[values[outside] >= rows]
-    return values.astype(np.int64)
-
-
-def _feistel(values: NDArray[np.uint64], half_bits: np.uint64, key: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    mask = (np.uint64(1) << half_bits) - np.uint64(1)
-    left, right = values >> half_bits, values & mask
-    for round_key in key:
-        left, right = right, left ^ (_mix(right + round_key) & mask)
-    return (left << half_bits) | right
-
-
-def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The finaliser of SplitMix64 (Steele, Lea and Flood 2014)."""
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return x ^ (x >> np.uint64(31))
-
-
-def _key(seed: int, stream: int) -> NDArray[np.uint64]:
-    return np.random.SeedSequence([seed, stream]).generate_state(_ROUNDS, np.uint64)
+    key = np.random.SeedSequence([seed, stream]).generate_state(_ROUNDS, np.uint64)
+    bits = max(2, (rows - 1).bit_length())
+    permuted = np.empty(count, np.int64)
+    permute_positions(first, rows, bits - bits // 2, bits // 2, key, permuted)
+    return permuted
 
 
 def canonical_seed(rng: int | np.random.Generator | None) -> int:

@@ -13,7 +13,6 @@ from nonsac.kernels.nearest_field import fill_cost, fill_nearest, nearest_distan
 from nonsac.kernels.planes import fit_planes
 from nonsac.result import Array
 
-
 # Smallest difference of the mean log distances of clutter and surface: a factor of three and a half.
 _CLUTTER_GAP = 1.25
 

@@ -11,7 +11,7 @@ from nonsac.problems import Problem
 from nonsac.result import Array, Status
 
 _LARGEST_CHANCE = 1e-6
-_SHUFFLED_ROWS = 20_000
+_SHUFFLED_ROWS = 40_000
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,12 @@ def chance_rate(problem: Problem, model: Array, rows: Array, threshold: float) -
     """Share of inliers among the rows when no row keeps its own second half; half a count is added to be safe."""
     n = len(rows)
     rng = np.random.default_rng(n)
-    repeats = max(8, _SHUFFLED_ROWS // n)
+    repeats = -(-_SHUFFLED_ROWS // n)
     hits = 0
     for _ in range(repeats):
         order = rng.permutation(n)
-        partner = np.empty(n, np.int64)
-        partner[order] = np.roll(order, 1)
-        shuffled = np.hstack([rows[:, : problem.split], rows[partner, problem.split :]])
+        shuffled = rows[order]
+        shuffled[:, problem.split :] = np.roll(shuffled[:, problem.split :], 1, axis=0)
         hits += int((problem.residuals(model[None], shuffled)[0] < threshold).sum())
     return (hits + 0.5) / (repeats * n + 1)
 

@@ -43,6 +43,12 @@ class OrientedPairs:
     max_pairs: int = 50_000
     candidates: int = 12
 
+    @classmethod
+    def for_overlap(cls, overlap: Overlap) -> OrientedPairs:
+        """Tolerances from the spacing of the coarse points: matched points lie up to about half of it apart."""
+        spacing = overlap.source.spacing
+        return cls(overlap, tolerance=0.6 * spacing, smallest_distance=3.0 * spacing)
+
     def with_budget(self, factor: int) -> Self:
         return replace(self, max_pairs=self.max_pairs * factor, candidates=self.candidates * factor)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -18,6 +19,8 @@ from nonsac.problems import Problem, Registration
 from nonsac.result import Array, Hypothesis
 
 _BATCH = 1000
+
+Triplets = Iterator[NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class Pcr99:
     @classmethod
     def for_all_pairs(cls) -> Pcr99:
         """The variant of Sec. 4.4: distances; at least 0.09 % inliers and 1,000 consistent triplets."""
-        return cls("distance", tolerance=0.6, enough_inliers=0.0009, min_valid=1000, max_valid=5000)
+        return cls("distance", tolerance=0.4, enough_inliers=0.0009, min_valid=1000, max_valid=5000)
 
     def with_budget(self, factor: int) -> Self:
         """As in the paper's footnote: more triplets are drawn, but no more consistent ones are asked for."""
@@ -107,7 +110,7 @@ class Pcr99:
     def _enough(self, inliers: int, rows: int) -> bool:
         return self.enough_inliers is not None and inliers >= max(9, self.enough_inliers * rows)
 
-    def _triplets(self, problem: Registration, rows: Array, threshold: float, rng: np.random.Generator):  # type: ignore[no-untyped-def]
+    def _triplets(self, problem: Registration, rows: Array, threshold: float, rng: np.random.Generator) -> Triplets:
         """Batches of consistent triplets of row numbers, (T, 3) each, in the order in which they are drawn."""
         known = problem.scale is not None
         scale = problem.scale or 1.0
@@ -129,7 +132,9 @@ class Pcr99:
             if count < len(found):
                 return
 
-    def _random_triplets(self, columns, screen, rng):  # type: ignore[no-untyped-def]
+    def _random_triplets(
+        self, columns: Array, screen: tuple[bool, bool, float, float], rng: np.random.Generator
+    ) -> Triplets:
         n = columns.shape[1]
         drawn = 0
         while drawn < self.max_drawn:

@@ -48,7 +48,7 @@ def read_las(path: FilePath) -> NDArray[np.float64]:
 
 def _import_laspy(path: FilePath) -> Any:
     try:
-        import laspy  # type: ignore[import-untyped,unused-ignore]  # noqa: PLC0415
+        import laspy  # type: ignore[import-untyped,unused-ignore]
     except ImportError as error:
         raise _laspy_missing(path) from error
     return laspy

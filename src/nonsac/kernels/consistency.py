@@ -8,22 +8,6 @@ from nonsac.kernels._jit import kernel, reordered_kernel
 
 
 @reordered_kernel
-def _count_with_block(x, y, z, u, v, w, block, first, last, squared_tolerance, block_counts):
-    """Count one row's agreements with the block's rows [first, last), on both sides; returns the row's own."""
-    own = np.int32(0)
-    for j in range(first, last):
-        dx, dy, dz = block[j] - x, block[512 + j] - y, block[1024 + j] - z
-        ex, ey, ez = block[1536 + j] - u, block[2048 + j] - v, block[2560 + j] - w
-        a = dx * dx + dy * dy + dz * dz
-        b = ex * ex + ey * ey + ez * ez
-        s = a + b - squared_tolerance
-        agrees = np.int32((s < np.float32(0.0)) | (s * s < np.float32(4.0) * a * b))
-        block_counts[j] += agrees
-        own += agrees
-    return own
-
-
-@reordered_kernel
 def count_consistent_distances(columns, tolerance, counts):
     """For each row, with how many other rows it agrees: ||a_i - a_j| - |b_i - b_j|| < tolerance.
 
@@ -34,10 +18,10 @@ def count_consistent_distances(columns, tolerance, counts):
     n = columns.shape[1]
     squared_tolerance = tolerance * tolerance
     counts[:] = 0
-    # Blocks of 512 rows in one buffer with fixed offsets: the compiler proves that the six columns do not overlap
-    # the counts, and vectorises (0.9 instead of 4.2 ns a pair).
+    # Blocks of 512 rows in one local buffer with fixed offsets, and an inner loop from zero: only so does the compiler
+    # prove that nothing overlaps and no index is negative, and vectorises (0.9 instead of 4.2 ns a pair).
     block = np.zeros(6 * 512, np.float32)
-    block_counts = np.empty(512, np.int32)
+    block_counts = np.zeros(512, np.int32)
     for start in range(0, n, 512):
         width = min(512, n - start)
         for c in range(6):
@@ -45,24 +29,20 @@ def count_consistent_distances(columns, tolerance, counts):
                 block[512 * c + j] = columns[c, start + j]
         block_counts[:] = 0
         for i in range(start + width):
-            first = max(0, i + 1 - start)
-            own = _count_with_block(
-                columns[0, i],
-                columns[1, i],
-                columns[2, i],
-                columns[3, i],
-                columns[4, i],
-                columns[5, i],
-                block,
-                first,
-                width,
-                squared_tolerance,
-                block_counts,
-            )
-            if i < start:
-                counts[i] += own
-            else:
-                block_counts[i - start] += own
+            x, y, z, u, v, w = columns[0, i], columns[1, i], columns[2, i], columns[3, i], columns[4, i], columns[5, i]
+            before = np.int32(i < start)  # pairs inside the block are met from both sides
+            own = np.int32(0)
+            for j in range(width):
+                dx, dy, dz = block[j] - x, block[512 + j] - y, block[1024 + j] - z
+                ex, ey, ez = block[1536 + j] - u, block[2048 + j] - v, block[2560 + j] - w
+                a = dx * dx + dy * dy + dz * dz
+                b = ex * ex + ey * ey + ez * ez
+                s = a + b - squared_tolerance
+                agrees = np.int32((s < np.float32(0.0)) | (s * s < np.float32(4.0) * a * b))
+                block_counts[j] += before * agrees
+                own += agrees
+            itself = np.int32(0) if before or own == 0 else np.int32(1)
+            counts[i] += own - itself
         for j in range(width):
             counts[start + j] += block_counts[j]
 
