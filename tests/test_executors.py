@@ -95,6 +95,23 @@ def test_closing_early_cancels_what_has_not_started(width):
     assert len(task.started) == ran
 
 
+def test_closing_early_cancels_every_future_in_waiting():
+    class Never(ThreadPoolExecutor):
+        """Finishes the first task only."""
+
+        def submit(self, function, /, *args):
+            futures.append(finished(function(*args)) if not futures else Future())
+            return futures[-1]
+
+    futures = []
+    with Never(3) as pool:
+        outcomes = ordered_map(square, 100, pool)
+        assert next(outcomes) == 0
+        outcomes.close()
+    assert len(futures) > 3
+    assert all(future.cancelled() for future in futures[1:])
+
+
 def test_closing_early_leaves_the_callers_executor_usable():
     with ThreadPoolExecutor(2) as pool:
         outcomes = ordered_map(Recorder(0.005), 1000, pool)

@@ -69,16 +69,48 @@ def test_as_selected_returns_the_winner_judged(scene):
     assert refinement.num_inliers == (naive.residuals(hypotheses[1].model, rows) < THRESHOLD).sum()
 
 
-def test_all_tested_models_count_in_the_verdict(scene):
-    model, rows, _ = scene
-    residuals = naive.residuals(model, rows)
+@pytest.mark.parametrize("refiner", [AsSelected(), UnionRefit()], ids=["none", "union"])
+def test_all_models_that_were_compared_count_in_the_verdict(refiner, scene, monkeypatch):
+    told = []
 
-    def confidence(tested):
-        return AsSelected().refine(
-            Registration(), [Hypothesis(model, residuals, THRESHOLD, tested=tested)] * 4, 0, lambda: rows[190:], 0.1
-        )
+    def spy(problem, model, rows, threshold, tested):
+        told.append(tested)
+        return judge_rows(problem, model, rows, threshold, tested)
 
-    assert confidence(25).confidence == judge_rows(Registration(), model, rows[190:], 0.1, 100).confidence
+    monkeypatch.setattr(refine, "judge_rows", spy)
+    refined(refiner, scene, 0)
+    assert told == [40]
+
+
+class WithRefit(naive.Shift):
+    """Shifts, with a refit of the test's own."""
+
+    def __init__(self, fitted):
+        self.fitted = fitted
+
+    def refit(self, model, rows, weights):
+        return naive.shift_model(self.fitted(model[0, 3]))
+
+
+def shifts(*places):
+    """Rows whose true shift is 0, of unequal support near other places, and hypotheses at the given places."""
+    rows = np.column_stack([np.zeros(60), np.r_[np.linspace(-0.02, 0.02, 40), np.full(20, 5.0)]])
+    models = [naive.shift_model(place) for place in places]
+    residuals = [naive.Shift().residuals(model[None], rows)[0] for model in models]
+    return rows, [Hypothesis(m, r, THRESHOLD) for m, r in zip(models, residuals, strict=True)]
+
+
+def test_a_fit_that_makes_things_worse_is_not_taken():
+    rows, hypotheses = shifts(0.01, 0.05)
+    problem = WithRefit(lambda start: 1000.0)
+    assert UnionRefit().refine(problem, hypotheses, 0, lambda: rows, THRESHOLD).model[0, 3] == 0.01
+
+
+def test_several_hypotheses_are_fitted_and_the_best_fit_is_taken():
+    rows, hypotheses = shifts(0.02, 0.05, 5.0)
+    problem = WithRefit(lambda start: 0.0 if start == 0.05 else start)
+    assert UnionRefit().refine(problem, hypotheses, 2, lambda: rows, THRESHOLD).model[0, 3] == 0.0
+    assert UnionRefit(candidates=1).refine(problem, hypotheses, 2, lambda: rows, THRESHOLD).model[0, 3] == 0.02
 
 
 def test_truncated_costs_equal_their_definition(scene):

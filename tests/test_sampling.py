@@ -4,57 +4,50 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from nonsac.sampling import canonical_seed, permute, sample_rows
+from nonsac.sampling import canonical_seed, permutation, sample_rows, union_rows
 
 SIZES = [1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 63, 64, 65, 100, 255, 256, 257, 1000, 4095, 4096, 4097, 65536, 65537]
 
 
-def a_key(seed):
-    return np.random.default_rng(seed).integers(2**64, size=6, dtype=np.uint64)
-
-
 @pytest.mark.parametrize("rows", SIZES)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_permute_is_a_bijection(rows, seed):
-    values = permute(np.arange(rows), rows, a_key(seed))
+def test_the_permutation_is_a_bijection(rows, seed):
+    values = permutation(rows, 0, rows, seed)
     assert values.dtype == np.int64
     np.testing.assert_array_equal(np.sort(values), np.arange(rows))
 
 
-@given(rows=st.integers(1, 3000), seed=st.integers(0, 2**32))
-def test_permute_is_a_bijection_for_any_size(rows, seed):
-    np.testing.assert_array_equal(np.sort(permute(np.arange(rows), rows, a_key(seed))), np.arange(rows))
+@given(rows=st.integers(1, 3000), seed=st.integers(0, 2**64), stream=st.integers(0, 10))
+def test_the_permutation_is_a_bijection_for_any_size(rows, seed, stream):
+    np.testing.assert_array_equal(np.sort(permutation(rows, 0, rows, seed, stream)), np.arange(rows))
 
 
 @pytest.mark.parametrize("rows", [2**31 - 1, 2**31 + 1, 10**12, 2**61 + 1, 2**62])
-def test_permute_of_huge_ranges_has_no_duplicates(rows):
-    positions = np.r_[np.arange(50_000), rows - 1 - np.arange(50_000)]
-    values = permute(positions, rows, a_key(3))
+def test_the_permutation_of_a_huge_range_has_no_duplicates(rows):
+    n = 50_000
+    values = np.concatenate([permutation(rows, first, n, 3) for first in (0, rows // 2, rows - n)])
     assert values.min() >= 0
-    assert values.max() < rows
-    assert values.max() > 0.999 * rows
-    assert len(np.unique(values)) == len(positions)
+    assert 0.999 * rows < values.max() < rows
+    assert len(np.unique(values)) == 3 * n
+    assert abs(values.astype(float).mean() / rows - 0.5) < 0.01
 
 
-def test_permute_sends_single_positions_where_it_sends_all():
-    everything = permute(np.arange(1000), 1000, a_key(0))
-    np.testing.assert_array_equal(permute(np.array([17, 3]), 1000, a_key(0)), everything[[17, 3]])
+def test_a_piece_of_the_permutation_is_that_piece_of_the_whole():
+    np.testing.assert_array_equal(permutation(1000, 250, 100, 4), permutation(1000, 0, 1000, 4)[250:350])
+    assert permutation(1000, 250, 0, 4).shape == (0,)
 
 
-def test_permute_leaves_its_input_alone():
-    positions = np.arange(100, dtype=np.uint64)
-    permute(positions, 100, a_key(0))
-    np.testing.assert_array_equal(positions, np.arange(100))
+def test_each_seed_and_stream_gives_another_permutation():
+    pieces = {tuple(permutation(1000, 0, 20, seed, stream)) for seed in range(20) for stream in range(20)}
+    assert len(pieces) == 400
 
 
 @pytest.mark.parametrize("rows", [5, 16, 17, 100])
 def test_every_position_goes_everywhere_equally_often(rows):
-    repeats = 200 * rows
     hits = np.zeros((2, rows))
-    for seed in range(repeats // 10):
-        # Ten first rows at once would be dependent; first and last are looked at apart.
-        values = permute(np.array([0, rows - 1]), rows, a_key(seed))
-        hits[[0, 1], values] += 1
+    for seed in range(20 * rows):
+        hits[0, permutation(rows, 0, 1, seed)] += 1
+        hits[1, permutation(rows, rows - 1, 1, seed)] += 1
     assert chisquare(hits[0]).pvalue > 1e-4
     assert chisquare(hits[1]).pvalue > 1e-4
 
@@ -125,6 +118,16 @@ def test_the_seed_and_the_number_decide(samples):
     assert draw(1, 7) != draw(2, 7)
 
 
+@pytest.mark.parametrize(
+    ("rows", "samples", "size"),
+    [(1000, 5, 40), (200, 5, 40), (199, 5, 40), (100, 5, 40), (40, 5, 40), (30, 5, 40), (10**12, 5, 40)],
+)
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_the_union_holds_each_row_of_the_first_samples_once(rows, samples, size, count):
+    drawn = np.concatenate([sample_rows(rows, i, samples, size, seed=6) for i in range(count)])
+    np.testing.assert_array_equal(union_rows(rows, count, samples, size, 6), np.unique(drawn))
+
+
 def test_drawing_from_a_huge_source_takes_no_time_or_memory(rng):
     assert len(sample_rows(2**62, 3, 1000, 1000, seed=1)) == 1000
 
@@ -141,6 +144,7 @@ def test_a_generator_gives_a_seed_of_its_own_each_time():
     assert first != second
     assert canonical_seed(np.random.default_rng(3)) == first
     assert 0 <= first < 2**63
+    assert len({canonical_seed(rng) for _ in range(1000)}) == 1000
 
 
 def test_none_takes_fresh_entropy():

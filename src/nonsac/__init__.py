@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
 
-from nonsac import evaluation, scoring, simulate
-from nonsac.api import register_clouds, register_pairs
-from nonsac.estimators import OrientedPairs, Pcr99
-from nonsac.pipeline import estimate
-from nonsac.problems import OrientedRegistration, Registration
-from nonsac.result import Alternative, FailedEstimation, Hypothesis, Result, Status
-from nonsac.sources import AllPairsSource, ArraySource
+if TYPE_CHECKING:
+    from nonsac import evaluation, scoring, simulate
+    from nonsac.api import register_clouds, register_pairs
+    from nonsac.estimators import OrientedPairs, Pcr99
+    from nonsac.pipeline import estimate
+    from nonsac.problems import OrientedRegistration, Registration
+    from nonsac.result import Alternative, FailedEstimation, Hypothesis, Result, Status
+    from nonsac.sources import AllPairsSource, ArraySource
 
 __version__ = version("nonsac")
 
@@ -33,3 +36,26 @@ __all__ = [
     "scoring",
     "simulate",
 ]
+
+_HOMES = {
+    "nonsac.api": ("register_clouds", "register_pairs"),
+    "nonsac.estimators": ("OrientedPairs", "Pcr99"),
+    "nonsac.pipeline": ("estimate",),
+    "nonsac.problems": ("OrientedRegistration", "Registration"),
+    "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Result", "Status"),
+    "nonsac.sources": ("AllPairsSource", "ArraySource"),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: numba and SciPy take a second, which `nonsac --help` need not wait for."""
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    if name in __all__:
+        return import_module(f"nonsac.{name}")
+    raise AttributeError(f"module 'nonsac' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

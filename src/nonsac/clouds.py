@@ -125,19 +125,24 @@ class SurfaceRefiner:
         every = max(1, len(fine.source.coarse) // 1500)
         sparse = replace(fine, source=replace(fine.source, coarse=fine.source.coarse[::every]))
         models = sparse.aligned(models, 15)
-        supports = np.array([sum(fine.support(model)) for model in models])
+        supports = np.array([fine.support(model) for model in models])
         order = np.argsort(-supports, kind="stable")
         models, supports = models[order], supports[order]
         kept = distinct(models, SAME_ANGLE, self.coarse.reach)
         models, supports = models[kept], supports[kept]
-        best, inliers = self._finished(fine, models[0], int(supports[0]))
+        best = self._finished(fine, models[0], int(supports[0]))
+        distances = fine.surface_distances(best)
+        inliers = int(np.isfinite(distances).sum())
         total = len(fine.source.coarse) + len(fine.target.coarse)
         verdict = judge_overlap(inliers, supports[1:], total)
         alternatives = tuple(
             Alternative(homogeneous(model), float(support) / total)
             for model, support in zip(models[1:4], supports[1:4], strict=True)
         )
-        return Refinement(best, verdict.status, verdict.confidence, inliers, total, alternatives)
+        noise = 1.4826 * float(np.median(distances[np.isfinite(distances)])) if inliers else float("nan")
+        return Refinement(
+            best, verdict.status, verdict.confidence, inliers, total, alternatives, noise=noise, threshold=fine.reach
+        )
 
     def _distinct_answers(self, hypotheses: Sequence[Hypothesis]) -> Array:
         """The answers of all samples, those under which the coarse clouds are closest first."""
@@ -146,17 +151,15 @@ class SurfaceRefiner:
         models = models[np.argsort(costs, kind="stable")]
         return models[distinct(models, SAME_ANGLE, self.coarse.reach)[: self.candidates]]
 
-    def _finished(self, fine: Overlap, model: Array, support: int) -> tuple[Array, int]:
+    def _finished(self, fine: Overlap, model: Array, support: int) -> Array:
         """The winner after a fine alignment, unless that lost support."""
         if fine.source.noisy or fine.target.noisy:
             finished = align_finely(fine.source.points, fine.target.points, model, 0.5 * fine.reach)
         else:
             finished = align_finely(self.source, self.target, model, 0.25 * fine.reach)
-        gained = sum(fine.support(finished))
-        if gained < 0.97 * support:
+        if fine.support(finished) < 0.97 * support:
             finished = model
-        finished = align_coinciding(self.source, self.target, finished)
-        return finished, sum(fine.support(finished))
+        return align_coinciding(self.source, self.target, finished)
 
 
 def coarse_overlap(source: Surface, target: Surface) -> Overlap:
@@ -184,7 +187,8 @@ def align_finely(source: Array, target: Array, model: Array, reach: float, point
     for cloud in (source, target):
         prepared = small_gicp.PointCloud(thin_to(cloud, points))
         tree = small_gicp.KdTree(prepared)
-        small_gicp.estimate_covariances(prepared, tree, neighbor_count(prepared.size(), 20), num_threads=cores())
+        threads = cores() if prepared.size() > 2000 else 1  # starting threads costs more than they save on few points
+        small_gicp.estimate_covariances(prepared, tree, neighbor_count(prepared.size(), 20), num_threads=threads)
         clouds.append((prepared, tree))
     (moving, _), (fixed, tree) = clouds
     result = small_gicp.align(

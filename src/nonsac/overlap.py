@@ -73,17 +73,28 @@ class Overlap:
         backward = self.source_field.distances(inverse(model), self.target.points[self.target.coarse])
         return np.concatenate([forward, backward])
 
-    def support(self, model: Array) -> tuple[int, int]:
-        """Coarse points of the source, and of the target, that lie in the other cloud's surface."""
+    def surface_distances(self, model: Array) -> Array:
+        """Distance of both clouds' coarse points to the other's surface, infinite where they lie in none: (k + l,).
+
+        In the surface are points with a neighbour within `reach`, its plane within a quarter of that, and the same
+        normal up to sign and 26 degrees.
+        """
         flat, cosine = 0.25 * self.reach, 0.9
         source, target = self.source, self.target
-        forward = self.target_field.supported(
-            model, source.points[source.coarse], source.normals[source.coarse], flat, cosine
+        return np.concatenate(
+            [
+                self.target_field.surface_distances(
+                    model, source.points[source.coarse], source.normals[source.coarse], flat, cosine
+                ),
+                self.source_field.surface_distances(
+                    inverse(model), target.points[target.coarse], target.normals[target.coarse], flat, cosine
+                ),
+            ]
         )
-        backward = self.source_field.supported(
-            inverse(model), target.points[target.coarse], target.normals[target.coarse], flat, cosine
-        )
-        return int(forward.sum()), int(backward.sum())
+
+    def support(self, model: Array) -> int:
+        """How many coarse points of both clouds lie in the other's surface."""
+        return int(np.isfinite(self.surface_distances(model)).sum())
 
     def _scores(self, models: Array, points: Array) -> np.ndarray:
         field = self.target_field

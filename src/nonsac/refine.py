@@ -20,7 +20,10 @@ Rows = Callable[[], Array]
 
 @dataclass(frozen=True)
 class Refinement:
-    """The improved model, what supports it, and whether to trust it."""
+    """The improved model, what supports it, and whether to trust it.
+
+    `noise` and `threshold` are given where the refiner has its own, measured ones.
+    """
 
     model: Array
     status: Status
@@ -28,6 +31,8 @@ class Refinement:
     num_inliers: int
     num_rows: int
     alternatives: tuple[Alternative, ...] = ()
+    noise: float | None = None
+    threshold: float | None = None
 
 
 @runtime_checkable

@@ -111,7 +111,8 @@ class Result:
     num_inliers, num_rows : int
         Rows (or points) that support the returned `T`, out of those that it was tested on.
     noise : float
-        Standard deviation of an inlier that was used, per coordinate, in the unit of the data.
+        Standard deviation of an inlier, in the unit of the data: the one that was given, or, for raw clouds, the
+        measured one of the distance between the two surfaces.
     threshold : float
         Rows with a smaller residual than this are inliers, in the unit of the data.
     hypotheses : tuple of Hypothesis

@@ -9,12 +9,12 @@ import numpy as np
 import small_gicp
 from scipy.spatial import cKDTree
 
-from nonsac.kernels.nearest_field import fill_cost, fill_nearest, nearest_distances, supported_points
+from nonsac.kernels.nearest_field import fill_cost, fill_nearest, nearest_distances, surface_distances
 from nonsac.kernels.planes import fit_planes
 from nonsac.result import Array
 
-# Smallest difference of the mean log distances of clutter and surface: a factor of three and a half.
-_CLUTTER_GAP = 1.25
+# Smallest difference of the mean log distances of clutter and surface, a factor of two; noise alone stays below 0.55.
+_CLUTTER_GAP = 0.75
 
 # A grid of five bytes a cell stays near 100 MB.
 _MAX_CELLS = 2e7
@@ -59,10 +59,10 @@ class NearestField:
         )
         return distances
 
-    def supported(self, model: Array, points: Array, normals: Array, flat: float, cosine: float) -> np.ndarray:
-        """Which moved points lie in the cloud's surface, by distance, plane distance and normal: (n,) bool."""
-        flags = np.empty(len(points), np.uint8)
-        supported_points(
+    def surface_distances(self, model: Array, points: Array, normals: Array, flat: float, cosine: float) -> Array:
+        """Distance of each moved point to the surface, infinite for points that do not lie in it: (n,)."""
+        distances = np.empty(len(points))
+        surface_distances(
             model,
             points,
             normals,
@@ -74,9 +74,9 @@ class NearestField:
             self.nearest,
             flat,
             cosine,
-            flags,
+            distances,
         )
-        return flags.astype(bool)
+        return distances
 
 
 @dataclass(frozen=True, eq=False)

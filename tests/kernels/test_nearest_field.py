@@ -9,7 +9,7 @@ from nonsac.kernels.nearest_field import (
     fill_nearest,
     nearest_distances,
     score_models,
-    supported_points,
+    surface_distances,
 )
 
 
@@ -61,9 +61,9 @@ class Field:
         )
         return models
 
-    def supported(self, model, points, normals, flat, cosine):
-        flags = np.full(len(points), 9, np.uint8)
-        supported_points(
+    def surface_distances(self, model, points, normals, flat, cosine):
+        result = np.full(len(points), -1.0)
+        surface_distances(
             model,
             points,
             normals,
@@ -75,9 +75,9 @@ class Field:
             self.nearest,
             flat,
             cosine,
-            flags,
+            result,
         )
-        return flags
+        return result
 
 
 def curved_surface(rng, n=700):
@@ -199,15 +199,15 @@ def test_a_model_that_touches_nothing_stays_where_it_is(rng):
     np.testing.assert_array_equal(Field(surface, 0.2, 0.1, normals).align(away[None], surface)[0], away)
 
 
-def test_points_of_the_surface_are_supported(rng):
+def test_points_of_the_surface_lie_in_it(rng):
     surface, normals = curved_surface(rng)
     field = Field(surface, 0.1, 0.02, normals)
-    model = np.eye(4)[:3]
     flipped = normals * rng.choice([-1.0, 1.0], (len(normals), 1))
-    assert field.supported(model, surface, flipped, 0.05, 0.9).mean() > 0.98
+    distances = field.surface_distances(np.eye(4)[:3], surface, flipped, 0.05, 0.9)
+    assert (distances < 0.01).mean() > 0.98
 
 
-def test_support_equals_the_definition(rng):
+def test_surface_distances_equal_the_definition(rng):
     surface, normals = curved_surface(rng)
     reach, flat, cosine = 0.2, 0.05, 0.8
     field = Field(surface, reach, 0.05, normals)
@@ -216,11 +216,13 @@ def test_support_equals_the_definition(rng):
     positions = naive.moved(model, surface)
     numbers = field.nearest_of(positions)
     differences, target = positions - surface[numbers], normals[numbers]
-    expected = (
+    height = np.abs((differences * target).sum(axis=1))
+    inside = (
         (numbers >= 0)
         & (np.linalg.norm(differences, axis=1) <= reach)
-        & (np.abs((differences * target).sum(axis=1)) <= flat)
+        & (height <= flat)
         & (np.abs((own @ model[:, :3].T * target).sum(axis=1)) > cosine)
     )
-    assert 0.05 < expected.mean() < 0.95
-    np.testing.assert_array_equal(field.supported(model, surface, own, flat, cosine).astype(bool), expected)
+    assert 0.05 < inside.mean() < 0.95
+    distances = field.surface_distances(model, surface, own, flat, cosine)
+    np.testing.assert_allclose(distances, np.where(inside, height, np.inf), atol=1e-12)

@@ -120,6 +120,25 @@ def test_wrong_normals_give_no_motion():
     assert len(motions(rows, [(0, 1)])) == 0
 
 
+@pytest.mark.parametrize("wrong", [0, 1])
+def test_one_wrong_normal_gives_no_motion(wrong):
+    """The normals are at right angles in both clouds, but one of the second's lies along the chord."""
+    x, y, z = np.eye(3)
+    second = [z, y]
+    second[wrong] = x
+    rows = np.array([[*(0 * x), *z, *(0 * x), *second[0]], [*x, *y, *x, *second[1]]])
+    assert len(motions(rows, [(0, 1)])) == 0
+
+
+def test_opposite_normals_do_not_cancel(rng):
+    """Their parts across the chord point in opposite directions, as of the two sides of a wall."""
+    model = naive.random_model(rng)
+    x, _, z = np.eye(3)
+    points, normals = np.array([0 * x, x]), np.array([z, -z])
+    rows = np.hstack([points, normals, naive.moved(model, points), normals @ model[:, :3].T])
+    assert np.abs(motions(rows, [(0, 1)]) - model).max(axis=(1, 2)).min() < 1e-12
+
+
 def test_normals_along_the_chord_give_no_motion():
     along = [1.0, 0, 0]
     rows = np.array([[0.0, 0, 0, *along, 0, 0, 0, *along], [1.0, 0, 0, *along, 1, 0, 0, *along]])

@@ -22,6 +22,11 @@ def test_rows_of_any_dtype_and_order(layout):
     source, indices = ArraySource(given), np.array([6, 0, 0, 3])
     assert (len(source), source.width) == (7, 3)
     np.testing.assert_array_equal(source.take(indices), np.asarray(given)[indices])
+    for rows in (source.take(indices), next(source.chunks(3))):
+        assert rows.dtype == np.float64
+        assert rows.dtype.isnative
+        assert rows.flags.c_contiguous
+        assert rows.flags.writeable
 
 
 def test_rows_of_a_memory_map(tmp_path):

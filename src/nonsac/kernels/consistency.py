@@ -30,7 +30,8 @@ def count_consistent_distances(columns, tolerance, counts):
         block_counts[:] = 0
         for i in range(start + width):
             x, y, z, u, v, w = columns[0, i], columns[1, i], columns[2, i], columns[3, i], columns[4, i], columns[5, i]
-            before = np.int32(i < start)  # pairs inside the block are met from both sides
+            # Pairs inside the block are met from both sides; all bits set or none, as multiplying is slow.
+            before = np.int32(-1) if i < start else np.int32(0)
             own = np.int32(0)
             for j in range(width):
                 dx, dy, dz = block[j] - x, block[512 + j] - y, block[1024 + j] - z
@@ -39,9 +40,9 @@ def count_consistent_distances(columns, tolerance, counts):
                 b = ex * ex + ey * ey + ez * ez
                 s = a + b - squared_tolerance
                 agrees = np.int32((s < np.float32(0.0)) | (s * s < np.float32(4.0) * a * b))
-                block_counts[j] += before * agrees
+                block_counts[j] += before & agrees
                 own += agrees
-            itself = np.int32(0) if before or own == 0 else np.int32(1)
+            itself = np.int32(0) if i < start or own == 0 else np.int32(1)
             counts[i] += own - itself
         for j in range(width):
             counts[start + j] += block_counts[j]

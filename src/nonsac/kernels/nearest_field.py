@@ -60,10 +60,14 @@ def fill_cost(points, corner, cells_per_unit, reach, nearest, cost):
                     cost[u, v, w] = np.uint8(min(255.0, 255.0 * np.sqrt(x * x + y * y + z * z) / reach))
 
 
-@kernel
+@reordered_kernel
 def score_models(models, points, corner, cells_per_unit, cost, scores):
     """Sum of the cell costs under the moved points: (3, n) float32 `points`, one int32 score for each model."""
-    nx, ny, nz = cost.shape
+    nx, ny, nz = np.int32(cost.shape[0]), np.int32(cost.shape[1]), np.int32(cost.shape[2])
+    flat = cost.ravel()
+    xs, ys, zs = points[0], points[1], points[2]
+    # All cells first, as this loop vectorises; outside the grid that is cell 0, a corner of the empty margin.
+    cells = np.empty(points.shape[1], np.int32)
     for m in range(models.shape[0]):
         model = models[m]
         r00 = np.float32(model[0, 0] * cells_per_unit)
@@ -78,17 +82,16 @@ def score_models(models, points, corner, cells_per_unit, cost, scores):
         t0 = np.float32((model[0, 3] - corner[0]) * cells_per_unit)
         t1 = np.float32((model[1, 3] - corner[1]) * cells_per_unit)
         t2 = np.float32((model[2, 3] - corner[2]) * cells_per_unit)
-        total = np.int32(0)
-        for i in range(points.shape[1]):
-            x, y, z = points[0, i], points[1, i], points[2, i]
+        for i in range(cells.shape[0]):
             # Truncation equals floor where it matters: what is negative lies outside, or in the margin.
-            u = np.int32(r00 * x + r01 * y + r02 * z + t0)
-            v = np.int32(r10 * x + r11 * y + r12 * z + t1)
-            w = np.int32(r20 * x + r21 * y + r22 * z + t2)
-            if u >= 0 and v >= 0 and w >= 0 and u < nx and v < ny and w < nz:
-                total += np.int32(cost[u, v, w])
-            else:
-                total += np.int32(255)
+            u = np.int32(r00 * xs[i] + r01 * ys[i] + r02 * zs[i] + t0)
+            v = np.int32(r10 * xs[i] + r11 * ys[i] + r12 * zs[i] + t1)
+            w = np.int32(r20 * xs[i] + r21 * ys[i] + r22 * zs[i] + t2)
+            inside = (u >= 0) & (v >= 0) & (w >= 0) & (u < nx) & (v < ny) & (w < nz)
+            cells[i] = (u * ny + v) * nz + w if inside else np.int32(0)
+        total = np.int32(0)
+        for i in range(cells.shape[0]):
+            total += np.int32(flat[cells[i]])
         scores[m] = total
 
 
@@ -247,16 +250,16 @@ def align_to_field(models, points, field_points, field_normals, corner, cells_pe
 
 
 @kernel
-def supported_points(
-    model, points, normals, field_points, field_normals, corner, cells_per_unit, reach, nearest, flat, cosine, supported
+def surface_distances(
+    model, points, normals, field_points, field_normals, corner, cells_per_unit, reach, nearest, flat, cosine, distances
 ):
-    """Which moved points lie *in* the cloud's surface, not merely near it: flags (n,) uint8.
+    """Distance of each moved point to the cloud's surface, infinite for points that do not lie *in* it: (n,).
 
-    The nearest point is within `reach`, its tangent plane within `flat`, and the two normals agree up to sign
-    (absolute cosine above `cosine`).
+    A point lies in the surface where its nearest point is within `reach`, that point's tangent plane within `flat`,
+    and the two normals agree up to sign (absolute cosine above `cosine`).
     """
     for i in range(points.shape[0]):
-        supported[i] = 0
+        distances[i] = np.inf
         x = model[0, 0] * points[i, 0] + model[0, 1] * points[i, 1] + model[0, 2] * points[i, 2] + model[0, 3]
         y = model[1, 0] * points[i, 0] + model[1, 1] * points[i, 1] + model[1, 2] * points[i, 2] + model[1, 3]
         z = model[2, 0] * points[i, 0] + model[2, 1] * points[i, 1] + model[2, 2] * points[i, 2] + model[2, 3]
@@ -266,10 +269,12 @@ def supported_points(
         q = field_points[nearest[u, v, w]]
         n = field_normals[nearest[u, v, w]]
         dx, dy, dz = x - q[0], y - q[1], z - q[2]
-        if dx * dx + dy * dy + dz * dz > reach * reach or abs(n[0] * dx + n[1] * dy + n[2] * dz) > flat:
+        height = abs(n[0] * dx + n[1] * dy + n[2] * dz)
+        if dx * dx + dy * dy + dz * dz > reach * reach or height > flat:
             continue
         agreement = 0.0
         for r in range(3):
             moved = model[r, 0] * normals[i, 0] + model[r, 1] * normals[i, 1] + model[r, 2] * normals[i, 2]
             agreement += moved * n[r]
-        supported[i] = abs(agreement) > cosine
+        if abs(agreement) > cosine:
+            distances[i] = height

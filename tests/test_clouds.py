@@ -1,0 +1,360 @@
+"""Registration of raw clouds: the public call, its parts, and its verdict."""
+
+import json
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import nonsac
+from nonsac.clouds import Agreement, CommonFrame, align_coinciding, align_finely
+from nonsac.evaluation import rotation_error
+from nonsac.io import read_cloud
+from nonsac.overlap import distinct, inverse
+from nonsac.problems import OrientedRegistration
+from nonsac.result import Hypothesis, Status
+from nonsac.surfaces import LocalPlanes, Surface, thin_to, voxel_for, without_clutter
+
+
+def bumpy(n, rng):
+    """Points on a closed surface without symmetry: a sphere with three bumps of different size and direction."""
+    directions = rng.normal(size=(n, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    radius = np.ones(n)
+    for height, centre in ((0.6, (1, 0, 0)), (0.45, (0.2, 1, 0.1)), (0.8, (-0.5, -0.3, 1))):
+        centre = np.array(centre) / np.linalg.norm(centre)
+        radius += height * np.exp(8.0 * (directions @ centre - 1.0))
+    return directions * radius[:, None]
+
+
+def motion(rng, size=1.0):
+    T = np.eye(4)
+    T[:3, :3] = nonsac.simulate.random_rotation(rng)
+    T[:3, 3] = rng.uniform(-size, size, 3)
+    return T
+
+
+def move(points, T):
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+@pytest.fixture
+def scans(rng):
+    """Two independent, partial samples of one surface, and the motion between them."""
+    T = motion(rng)
+    source, target = bumpy(6000, rng), bumpy(6000, rng)
+    return source[source[:, 0] > -0.5], move(target[target[:, 2] < 0.9], T), T
+
+
+def assert_right(result, T, degrees=1.0, shift=0.02):
+    assert result.status is Status.OK, result
+    assert rotation_error(result.R, T[:3, :3]) < degrees
+    assert np.linalg.norm(result.t - T[:3, 3]) < shift * max(1.0, np.linalg.norm(T[:3, 3]))
+
+
+class TestRegisterClouds:
+    def test_partial_scans(self, scans):
+        source, target, T = scans
+        result = nonsac.register_clouds(source, target)
+        assert_right(result, T)
+        assert 0.5 < result.inlier_ratio <= 1
+        assert result.scale == pytest.approx(1.0, abs=1e-9)
+
+    def test_swapping_inverts(self, scans):
+        source, target, T = scans
+        assert_right(nonsac.register_clouds(target, source), np.linalg.inv(T))
+
+    @pytest.mark.parametrize("unit", [1e-3, 1e3])
+    def test_the_unit_does_not_matter(self, scans, unit):
+        source, target, _ = scans
+        plain = nonsac.register_clouds(source, target)
+        scaled = nonsac.register_clouds(unit * source, unit * target)
+        np.testing.assert_allclose(scaled.R, plain.R, atol=1e-3)
+        np.testing.assert_allclose(scaled.t / unit, plain.t, atol=1e-3)
+        assert scaled.noise / unit == pytest.approx(plain.noise, rel=0.1)
+        assert scaled.status is plain.status
+
+    def test_survey_coordinates_keep_their_digits(self, scans):
+        source, target, _ = scans
+        offset = np.array([4.5e5, 5.1e6, 1e7])
+        plain = nonsac.register_clouds(source, target)
+        shifted = nonsac.register_clouds(source + offset, target - offset)
+        assert shifted.success
+        np.testing.assert_allclose(shifted.apply(source + offset) + offset, plain.apply(source), atol=2e-3)
+
+    def test_answers_are_in_the_frame_of_the_clouds(self, scans):
+        source, target, T = scans
+        result = nonsac.register_clouds(source + 100.0, target)
+        best = result.hypotheses[int(np.argmax([h.score for h in result.hypotheses]))]
+        np.testing.assert_allclose(best.model @ np.append(source.mean(0) + 100.0, 1), move(source.mean(0), T), atol=0.1)
+        for alternative in result.alternatives:
+            assert np.linalg.norm(alternative.T[:3] @ np.append(source.mean(0) + 100.0, 1)) < 5.0
+            assert 0 <= alternative.support <= result.inlier_ratio
+
+    def test_same_bits_for_any_workers(self, scans):
+        source, target, _ = scans
+        serial = nonsac.register_clouds(source, target, workers=1)
+        threads = nonsac.register_clouds(source, target, workers=2)
+        with ProcessPoolExecutor(2) as pool:
+            processes = nonsac.register_clouds(source, target, workers=pool)
+        for other in (threads, processes):
+            np.testing.assert_array_equal(other.T, serial.T)
+            assert [h.score for h in other.hypotheses] == [h.score for h in serial.hypotheses]
+
+    def test_seeds(self, scans):
+        source, target, T = scans
+        first, second = (nonsac.register_clouds(source, target, rng=seed) for seed in (1, 2))
+        assert_right(first, T)
+        assert_right(second, T)
+        assert first.info["seed"] == 1
+        assert [h.score for h in first.hypotheses] != [h.score for h in second.hypotheses]
+
+    def test_noise_is_measured(self, rng):
+        T = motion(rng)
+        sigma = 0.01
+        source = bumpy(20_000, rng) + rng.normal(scale=sigma, size=(20_000, 3))
+        target = move(bumpy(20_000, rng) + rng.normal(scale=sigma, size=(20_000, 3)), T)
+        result = nonsac.register_clouds(source, target)
+        assert_right(result, T)
+        assert 0.3 * sigma < result.noise < 2.0 * sigma
+
+    def test_clutter(self, rng):
+        T = motion(rng)
+        source, target = bumpy(8000, rng), bumpy(8000, rng)
+        source = np.vstack([source, rng.uniform(source.min(0), source.max(0), (8000, 3))])
+        target = np.vstack([target, rng.uniform(target.min(0), target.max(0), (8000, 3))])
+        assert_right(nonsac.register_clouds(source, move(target, T)), T, degrees=2.0)
+
+    def test_clouds_that_share_points_are_aligned_by_them(self, rng):
+        cloud = bumpy(20_000, rng)
+        pair = nonsac.simulate.cloud_pair(cloud, rng, points=500, overlap=0.5, noise=0.002)
+        result = nonsac.register_clouds(pair.source, pair.target)
+        assert_right(result, pair.T, degrees=0.2)
+
+    def test_an_object_in_a_large_scene(self, rng):
+        T = motion(rng)
+        floor = np.column_stack([rng.uniform(-6, 6, (30_000, 2)), np.full(30_000, -1.5)])
+        wall = np.column_stack([np.full(8000, 6.0), rng.uniform(-6, 6, 8000), rng.uniform(-1.5, 1.5, 8000)])
+        scene = move(np.vstack([floor, wall, bumpy(8000, rng)]), T)
+        result = nonsac.register_clouds(bumpy(4000, rng), scene)
+        assert not result.success or rotation_error(result.R, T[:3, :3]) < 2.0
+
+    def test_dropped_points_are_counted_and_warned_about(self, scans):
+        source, target, T = scans
+        dirty = np.vstack([source, [[np.nan, 0, 0], [0, np.inf, 0]]])
+        with pytest.warns(UserWarning, match="dropped 2 of .* source points"):
+            result = nonsac.register_clouds(dirty, target)
+        assert result.info["dropped_source"] == 2
+        assert result.info["dropped_target"] == 0
+        assert_right(result, T)
+
+    def test_json(self, scans):
+        source, target, _ = scans
+        plain = json.loads(nonsac.register_clouds(source, target).to_json())
+        assert plain["success"]
+        assert plain["info"]["seconds"].keys() == {"preparation", "hypotheses", "selection", "refinement"}
+
+    def test_float32_and_memory_order_do_not_matter(self, scans):
+        source, target, T = scans
+        assert_right(nonsac.register_clouds(np.asfortranarray(source.astype(np.float32)), target[::-1]), T)
+
+
+class TestBadInput:
+    def test_columns_instead_of_rows(self):
+        with pytest.raises(ValueError, match=r"source must have one point in each row .* pass source\.T"):
+            nonsac.register_clouds(np.zeros((3, 50)), np.zeros((50, 3)))
+
+    @pytest.mark.parametrize("shape", [(5,), (5, 2), (5, 3, 1)])
+    def test_shapes(self, shape):
+        with pytest.raises(ValueError, match=r"target must have one point in each row \(n, 3\), got shape"):
+            nonsac.register_clouds(np.zeros((50, 3)), np.zeros(shape))
+
+    def test_strings(self):
+        with pytest.raises(TypeError, match="source must be an array of real numbers"):
+            nonsac.register_clouds([["a", "b", "c"]], np.zeros((5, 3)))
+
+    def test_a_bad_rng_is_named(self):
+        with pytest.raises(ValueError, match="rng"):
+            nonsac.register_clouds(np.zeros((5, 3)), np.zeros((5, 3)), rng=-1)
+
+    @pytest.mark.parametrize("count", [0, 1, 2])
+    def test_too_few_points(self, count, rng):
+        result = nonsac.register_clouds(rng.normal(size=(count, 3)), rng.normal(size=(100, 3)))
+        assert result.status is Status.TOO_FEW
+        assert np.isnan(result.T).all()
+        json.loads(result.to_json())
+
+    def test_identical_points(self):
+        result = nonsac.register_clouds(np.ones((100, 3)), np.ones((100, 3)))
+        assert result.status is Status.DEGENERATE
+
+    def test_collinear_points(self, rng):
+        line = rng.normal(size=(500, 1)) * [1.0, 2.0, 3.0]
+        assert nonsac.register_clouds(line, line).status is Status.DEGENERATE
+        assert nonsac.register_clouds(line + 1e7, line).status is Status.DEGENERATE
+
+    @pytest.mark.parametrize("count", [3, 4, 8, 15, 40])
+    def test_tiny_clouds_end_in_a_status(self, count, rng):
+        result = nonsac.register_clouds(rng.normal(size=(count, 3)), rng.normal(size=(count, 3)))
+        assert not result.success
+
+    def test_one_far_point_does_no_harm(self, scans):
+        source, target, T = scans
+        assert_right(nonsac.register_clouds(np.vstack([source, [[300.0, 0, 0]]]), target), T)
+
+
+class TestVerdict:
+    """A wrong answer must never be called trusted."""
+
+    @pytest.mark.parametrize("shape", ["sphere", "cylinder", "cube", "plane", "corridor"])
+    def test_symmetric_shapes_are_ambiguous(self, shape, rng):
+        def sample(n):
+            x = rng.uniform(-1, 1, (n, 3))
+            face = rng.integers(6, size=n)
+            angle = rng.uniform(0, 2 * np.pi, n)
+            match shape:
+                case "sphere":
+                    return x / np.linalg.norm(x, axis=1)[:, None]
+                case "cylinder":
+                    return np.column_stack([np.cos(angle), np.sin(angle), 2 * x[:, 2]])
+                case "cube":
+                    x[np.arange(n), face % 3] = np.where(face < 3, -1, 1)
+                    return x
+                case "plane":
+                    return x * [1, 1, 0]
+                case "corridor":
+                    x[np.arange(n), 1 + face % 2] = np.where(face < 3, -1, 1)
+                    return x * [10, 1, 1]
+
+        result = nonsac.register_clouds(sample(3000), move(sample(3000), motion(rng)))
+        assert result.status is Status.AMBIGUOUS
+        assert result.alternatives[0].support > 0.8 * result.inlier_ratio
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_unrelated_clouds(self, seed):
+        rng = np.random.default_rng(seed)
+        scan = nonsac.simulate.demo_scans(rng, points=4000).source
+        assert not nonsac.register_clouds(bumpy(4000, rng), scan, rng=seed).success
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_points_in_a_volume(self, seed):
+        rng = np.random.default_rng(seed)
+        result = nonsac.register_clouds(rng.uniform(size=(1500, 3)), rng.uniform(size=(1500, 3)), rng=seed)
+        assert not result.success
+
+
+class TestRealScans:
+    @pytest.mark.parametrize(("folder", "every"), [("bunny_scans", 7), ("redkitchen", 4), ("car_lidar", 1)])
+    def test_right_and_trusted(self, data, folder, every):
+        spec = json.loads((data / folder / "pairs.json").read_text())
+        pairs = [pair for pair in spec["pairs"] if pair["overlap"] > 0.55][::every]
+        assert pairs
+        for number, pair in enumerate(pairs):
+            source, target = (read_cloud(data / folder / pair[key]) for key in ("source", "target"))
+            turn = Rotation.random(rng=np.random.default_rng(number)).as_matrix()
+            result = nonsac.register_clouds(source @ turn.T, target)
+            expected = np.array(pair["T_target_source"])[:3, :3] @ turn.T
+            assert result.success, (pair, result)
+            assert rotation_error(result.R, expected) < spec["max_rotation_deg"], pair
+
+    def test_scans_of_different_things(self, data):
+        bunny = read_cloud(data / "bunny_scans" / "bun000.ply")
+        lucy = np.load(data / "shapes" / "lucy_5k.npy")
+        kitchen = read_cloud(data / "redkitchen" / "cloud_bin_0.ply")
+        for source, target in ((bunny, lucy), (lucy, kitchen), (bunny, kitchen)):
+            source, target = (x / np.linalg.norm(np.ptp(x, axis=0)) for x in (source, target))
+            assert not nonsac.register_clouds(source, target).success
+
+
+class TestParts:
+    def test_common_frame_restores_motions(self, rng):
+        source, target = rng.normal(size=(50, 3)) + 1e6, 7.0 * rng.normal(size=(60, 3))
+        frame = CommonFrame.of(source, target)
+        model = motion(rng)[:3]
+        moved = ((source - frame.source_origin) / frame.unit) @ model[:, :3].T + model[:, 3]
+        np.testing.assert_allclose(
+            move(source, frame.to_target(model)), moved * frame.unit + frame.target_origin, atol=1e-6
+        )
+
+    def test_thinning_reaches_the_count(self, rng):
+        for cloud in (bumpy(30_000, rng), rng.uniform(size=(30_000, 3)), rng.uniform(size=(30_000, 1)) * [1, 2, 3]):
+            assert 1500 < len(thin_to(cloud, 2000)) < 2600
+        few = bumpy(100, rng)
+        assert thin_to(few, 2000) is few
+        assert voxel_for(bumpy(30_000, rng), 500) > voxel_for(bumpy(30_000, rng), 2000)
+
+    def test_surface_normals(self, rng):
+        points = rng.normal(size=(3000, 3))
+        points /= np.linalg.norm(points, axis=1)[:, None]
+        surface = Surface.from_points(points)
+        cosines = np.abs((surface.points * surface.normals).sum(axis=1))
+        assert np.quantile(cosines, 0.05) > 0.99
+        assert not surface.noisy
+        assert 300 < len(surface.coarse) < 700
+
+    def test_noise_is_smoothed_away(self, rng):
+        points = rng.normal(size=(20_000, 3))
+        points /= np.linalg.norm(points, axis=1)[:, None]
+        noisy = points + rng.normal(scale=0.04, size=points.shape)
+        surface = Surface.from_points(noisy)
+        assert surface.noisy
+        before, after = (np.abs(np.linalg.norm(x, axis=1) - 1).mean() for x in (noisy, surface.points))
+        assert after < 0.4 * before
+
+    def test_clutter_is_removed_and_surfaces_are_kept(self, rng):
+        surface = bumpy(20_000, rng)
+        clutter = rng.uniform(surface.min(0), surface.max(0), (5000, 3))
+        kept = without_clutter(np.vstack([surface, clutter]))
+        from_surface = np.isin(kept[:, 0], surface[:, 0]).sum()
+        assert from_surface > 0.95 * len(surface)
+        assert len(kept) - from_surface < 0.1 * len(clutter)
+        np.testing.assert_array_equal(without_clutter(surface), surface)
+
+    def test_planes_of_a_plane(self, rng):
+        planes = LocalPlanes.of(np.column_stack([rng.uniform(size=(500, 2)), np.zeros(500)]))
+        assert not planes.thick
+        np.testing.assert_allclose(np.abs(planes.normals), np.tile([0.0, 0, 1], (500, 1)), atol=1e-6)
+        assert LocalPlanes.of(rng.uniform(size=(500, 3))).thick
+
+    def test_coinciding_points_are_found_and_others_left_alone(self, rng):
+        points = bumpy(500, rng)
+        T = motion(rng)
+        start = T[:3].copy()
+        start[:, :3] = Rotation.from_rotvec([0.01, 0.01, 0]).as_matrix() @ start[:, :3]
+        exact = align_coinciding(points, move(points[100:], T), start)
+        np.testing.assert_allclose(exact, T[:3], atol=1e-6)
+        np.testing.assert_array_equal(align_coinciding(points, move(bumpy(500, rng), T), start), start)
+
+    def test_fine_alignment(self, rng):
+        T = motion(rng)
+        start = T[:3].copy()
+        start[:, 3] += 0.01
+        finished = align_finely(bumpy(5000, rng), move(bumpy(5000, rng), T), start, 0.1)
+        assert rotation_error(finished[:, :3], T[:3, :3]) < 0.3
+
+    def test_inverse(self, rng):
+        T = motion(rng)
+        np.testing.assert_allclose(inverse(T[:3]), np.linalg.inv(T)[:3], atol=1e-12)
+
+    def test_distinct_keeps_the_first_of_each_answer(self):
+        models = np.tile(np.eye(4)[:3], (4, 1, 1))
+        models[1, 0, 3] = 0.05  # near the first
+        models[2, 0, 3] = 0.5  # another translation
+        models[3, :, :3] = Rotation.from_euler("z", 20, degrees=True).as_matrix()  # another rotation
+        np.testing.assert_array_equal(distinct(models, 10.0, 0.1), [0, 2, 3])
+
+    def test_agreement(self):
+        def hypothesis(cost, angle=0.0):
+            model = np.zeros((3, 4))
+            model[:, :3] = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+            return Hypothesis(model, np.full(10, cost), threshold=1.0)
+
+        stop, problem = Agreement(reach=0.1), OrientedRegistration()
+        right, other = hypothesis(0.2), hypothesis(0.4, angle=90.0)
+        assert not stop([right, right], problem)
+        assert stop([right, right, right], problem)
+        assert stop([right, other, right, right], problem)
+        assert not stop([right, right, right, hypothesis(0.21, angle=90.0)], problem)
+        nothing = Hypothesis(np.full((3, 4), np.nan), np.full(10, 1.0), threshold=1.0)
+        assert not stop([right, right, nothing], problem)
