@@ -92,7 +92,9 @@ def main() -> None:
             trials = list(read_trials(folder, arguments.stride, CONDITIONS[condition]))
             outcomes = run(trials, workers)
             for name in arguments.methods:
-                results.append({"folder": folder.name, "condition": condition, "method": name} | summary(outcomes[name]))
+                results.append(
+                    {"folder": folder.name, "condition": condition, "method": name} | summary(outcomes[name])
+                )
                 say(f"{folder.name} {condition} {name}: {json.dumps(results[-1] | {'outcomes': len(outcomes[name])})}")
     for worker in workers.values():
         worker.close()

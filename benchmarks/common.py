@@ -139,7 +139,12 @@ def write(path: Path, benchmark: str, **content: Any) -> None:
 
 
 def machine() -> dict[str, Any]:
-    return {"processor": _processor(), "cores": os.cpu_count(), "memory_gb": _total_memory(), "system": platform.system()}
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "memory_gb": _total_memory(),
+        "system": platform.system(),
+    }
 
 
 def _without_folders(argument: str) -> str:

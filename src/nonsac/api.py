@@ -68,15 +68,15 @@ def register_clouds(
     """
     clock = Stopwatch()
     seed = canonical_seed(rng)
-    clouds, dropped = zip(*(_finite_cloud(p, n) for p, n in ((source, "source"), (target, "target"))), strict=True)
-    info = {"seed": seed, "dropped_source": dropped[0], "dropped_target": dropped[1]}
-    reason = next(filter(None, map(_unusable, clouds)), None)
+    a, dropped_source = _finite_cloud(source, "source")
+    b, dropped_target = _finite_cloud(target, "target")
+    info = {"seed": seed, "dropped_source": dropped_source, "dropped_target": dropped_target}
+    reason = _unusable(a) or _unusable(b)
     if reason is not None:
         return failed(reason, float("nan"), info)
 
-    frame = CommonFrame.of(*clouds)
-    full_source = (clouds[0] - frame.source_origin) / frame.unit
-    full_target = (clouds[1] - frame.target_origin) / frame.unit
+    frame = CommonFrame.of(a, b)
+    full_source, full_target = (a - frame.source_origin) / frame.unit, (b - frame.target_origin) / frame.unit
     overlap = coarse_overlap(Surface.from_points(full_source), Surface.from_points(full_target))
     clock.lap("preparation")
 
@@ -151,7 +151,7 @@ def register_pairs(
         estimator = Pcr99() if scale is None else Pcr99.for_pairs()
     rows = np.hstack([a, b])
     dropped = int(len(rows) - np.isfinite(rows).all(axis=1).sum())
-    _warn_dropped(dropped, len(rows), "pairs")
+    _warn_dropped(dropped, len(rows), "pairs", stacklevel=3)
     result = estimate(
         ArraySource(rows),
         Registration(scale),
@@ -185,13 +185,13 @@ def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:
     array = _cloud(points, name)
     finite = np.isfinite(array).all(axis=1)
     dropped = int(len(array) - finite.sum())
-    _warn_dropped(dropped, len(array), f"{name} points")
+    _warn_dropped(dropped, len(array), f"{name} points", stacklevel=4)
     return np.array(array[finite] if dropped else array, np.float64, order="C"), dropped
 
 
-def _warn_dropped(dropped: int, total: int, what: str) -> None:
+def _warn_dropped(dropped: int, total: int, what: str, stacklevel: int) -> None:
     if dropped:
-        warnings.warn(f"dropped {dropped} of {total} {what} with NaN or infinite coordinates", stacklevel=4)
+        warnings.warn(f"dropped {dropped} of {total} {what} with NaN or infinite coordinates", stacklevel=stacklevel)
 
 
 def _unusable(points: Array) -> Status | None:

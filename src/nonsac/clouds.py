@@ -10,9 +10,10 @@ import small_gicp
 from scipy.spatial import cKDTree
 
 from nonsac.executors import cores
+from nonsac.fitting import reweighted_fit
 from nonsac.overlap import Overlap, distinct
 from nonsac.problems import Problem, Registration
-from nonsac.refine import Refinement, Rows, reweighted_fit
+from nonsac.refine import Refinement, Rows
 from nonsac.result import Alternative, Array, Hypothesis, Result, homogeneous
 from nonsac.surfaces import Surface, neighbor_count, thin_to
 from nonsac.verdict import judge_overlap

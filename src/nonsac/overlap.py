@@ -107,7 +107,7 @@ class Overlap:
 def inverse(model: Array) -> Array:
     """The inverse of a rigid motion (3, 4)."""
     rotation = model[:, :3].T
-    return np.column_stack([rotation, -rotation @ model[:, 3]])
+    return np.ascontiguousarray(np.column_stack([rotation, -rotation @ model[:, 3]]))
 
 
 def distinct(models: Array, angle: float, distance: float) -> np.ndarray:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from numbers import Integral, Real
 from typing import Protocol
 
 import numpy as np
@@ -84,8 +85,8 @@ def estimate(
         Where an argument is out of its range; the message names it. Bad data do not raise: they end in a status.
     """
     _check(source, problem, noise, samples, sample_size)
-    selector = scoring.by_name(rule) if isinstance(rule, str) else rule
-    refiner = refiners.by_name(refine) if isinstance(refine, str) else refine
+    selector = rule if isinstance(rule, ScoringRule) else scoring.by_name(rule)
+    refiner = refine if isinstance(refine, Refiner) else refiners.by_name(refine)
     budget, estimator = _plan(selector, samples, estimator)
     clock = Stopwatch()
     task = SampleTask(source, problem, estimator, threshold_of(noise), budget, sample_size, canonical_seed(rng))
@@ -175,15 +176,14 @@ class Stopwatch:
 
 def _plan(rule: ScoringRule, samples: int, estimator: Estimator) -> tuple[int, Estimator]:
     """A rule may spend the budget in its own way, as `FixedSample` does."""
-    return rule.plan(samples, estimator) if isinstance(rule, scoring.FixedSample) else (samples, estimator)
+    return rule.plan(samples, estimator) if hasattr(rule, "plan") else (samples, estimator)
 
 
 def _check(source: Source, problem: Problem, noise: float, samples: int, sample_size: int) -> None:
     if source.width != problem.width:
         raise ValueError(f"source has rows of {source.width} columns, {type(problem).__name__} needs {problem.width}")
-    if not (np.isfinite(noise) and noise > 0):
+    if not isinstance(noise, Real) or not 0 < noise < np.inf:
         raise ValueError(f"noise must be a positive number, the standard deviation of an inlier, got {noise!r}")
-    if samples < 1:
-        raise ValueError(f"samples must be at least 1, got {samples!r}")
-    if sample_size < problem.minimal_size:
-        raise ValueError(f"sample_size must be at least {problem.minimal_size}, got {sample_size!r}")
+    for name, value, least in (("samples", samples, 1), ("sample_size", sample_size, problem.minimal_size)):
+        if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+            raise ValueError(f"{name} must be an integer of at least {least}, got {value!r}")

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from nonsac.fitting import reweighted_fit
 from nonsac.problems import Problem
 from nonsac.result import Alternative, Array, Hypothesis, Status
 from nonsac.verdict import judge_rows
@@ -90,7 +91,7 @@ class UnionRefit:
 def by_name(name: str) -> Refiner:
     """The refiner with this name: "union" or "none"."""
     refiners: dict[str, Refiner] = {"union": UnionRefit(), "none": AsSelected()}
-    if name not in refiners:
+    if not isinstance(name, str) or name not in refiners:
         raise ValueError(f'refine must be "union", "none" or a Refiner, got {name!r}')
     return refiners[name]
 
@@ -112,22 +113,3 @@ def truncated_costs(problem: Problem, models: Array, rows: Array, threshold: flo
         residuals = problem.residuals(models, rows[start : start + _BLOCK])
         costs += (np.minimum(residuals, threshold) ** 2).sum(axis=1)
     return np.where(np.isfinite(costs), costs, np.inf)
-
-
-def reweighted_fit(problem: Problem, model: Array, rows: Array, threshold: float, iterations: int) -> Array:
-    """Iteratively reweighted least squares with Tukey's biweight, which is zero beyond the threshold.
-
-    Only rows near the start are looked at, three thresholds wide; where the fit moves far, the caller starts again.
-    """
-    rows = rows[problem.residuals(model[None], rows)[0] < 3.0 * threshold]
-    for _ in range(iterations):
-        ratio = problem.residuals(model[None], rows)[0] / threshold
-        weights = np.where(ratio < 1.0, (1.0 - ratio**2) ** 2, 0.0)
-        fitted = problem.refit(model, rows, weights)
-        if not np.isfinite(fitted).all():
-            return model
-        moved = np.abs(fitted - model).max()
-        model = fitted
-        if moved < 1e-9 * np.abs(model).max():
-            break
-    return model

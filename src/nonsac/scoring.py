@@ -35,7 +35,10 @@ class ScoringRule(Protocol):
 def select(rule: ScoringRule, hypotheses: Sequence[Hypothesis], problem: Problem) -> tuple[int, Array]:
     """The best hypothesis' index and the scores of all; hypotheses without a model never beat one with."""
     scores = np.asarray(rule.scores(hypotheses, problem), np.float64).copy()
-    scores[[not h.found for h in hypotheses]] = -np.inf
+    found = np.array([h.found for h in hypotheses])
+    scores[~found] = -np.inf
+    if not np.isfinite(scores).any() and found.any():  # no pair or no inliers to go by
+        scores[found] = _inlier_counts(hypotheses)[found]
     return int(np.argmax(scores)), scores
 
 
@@ -145,8 +148,9 @@ class PairCost:
     def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
         counts = _inlier_counts(hypotheses)
         distances = _distances(hypotheses, problem)
-        distances = np.maximum(distances, np.finfo(np.float64).tiny)
-        costs = np.maximum(counts[:, None], counts[None, :]) * distances**-self.k
+        with np.errstate(divide="ignore"):
+            logs = np.log(np.maximum(counts[:, None], counts[None, :]))
+        costs = logs - self.k * np.log(np.maximum(distances, np.finfo(np.float64).tiny))
         best = np.unravel_index(np.argmax(costs), costs.shape)
         return _restricted(counts, best)
 
@@ -162,8 +166,13 @@ class TruncatedLp:
         return f"tlp_{self.p:g}"
 
     def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
-        costs = [np.minimum(np.abs(h.residuals) ** self.p, h.threshold**self.p).sum() for h in hypotheses]
-        return -np.array(costs)
+        rows = max(len(h.residuals) for h in hypotheses)
+        return -np.array([self._cost(h, rows) for h in hypotheses])
+
+    def _cost(self, h: Hypothesis, rows: int) -> float:
+        """Rows that a sample lacks count as outliers, as residuals of NaN do."""
+        truncated = np.fmin(np.abs(h.residuals), h.threshold) ** self.p
+        return float(truncated.sum() + (rows - len(truncated)) * h.threshold**self.p)
 
 
 PAIR_COST_EXPONENTS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -189,13 +198,13 @@ def by_name(name: str) -> ScoringRule:
     for rule in (*paper_rules(), FixedSample()):
         if rule.name == name:
             return rule
-    kind, _, exponent = name.partition("_")
+    kind, _, exponent = str(name).partition("_")
     if kind in ("pair", "tlp"):
         try:
             value = float(exponent)
         except ValueError:
             value = float("nan")
-        if value > 0:
+        if 0 < value < float("inf"):
             return PairCost(value) if kind == "pair" else TruncatedLp(value)
     known = ", ".join(rule.name for rule in (*paper_rules(), FixedSample()))
     raise ValueError(f"rule must be one of {known} or a rule object, got {name!r}")

@@ -9,6 +9,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.fitting import inlier_fit, reweighted_fit
 from nonsac.kernels.consistency import (
     count_consistent_distances,
     count_consistent_ratios,
@@ -16,6 +17,7 @@ from nonsac.kernels.consistency import (
     screened_triplets,
 )
 from nonsac.problems import Problem, Registration
+from nonsac.problems.registration import centre
 from nonsac.result import Array, Hypothesis
 
 _BATCH = 1000
@@ -30,7 +32,7 @@ class Pcr99:
 
     Every row is scored by the number of other rows that it is pairwise consistent with. Triplets of rows are drawn
     best first, in order of the sum of their ranks, and only those whose three pairs are consistent become models.
-    The model with the most inliers is refitted to its inliers until they no longer grow.
+    The model with the most inliers is refitted to them.
 
     The class methods give the published settings; no n x n matrix is ever held.
 
@@ -45,6 +47,9 @@ class Pcr99:
         Of the consistency tests: of the log ratio, or a multiple of the inlier threshold for "distance".
     enough_inliers : float or None
         Stop when this share of the rows, and at least nine, are inliers. None never stops for it.
+    refit : "weighted" or "once"
+        After the least-squares fit to the winner's inliers, "weighted" goes on with reweighted fits (Tukey's biweight),
+        which gives near rows more weight than those at the threshold; "once" stops there, as published.
     min_valid, max_valid, max_drawn : int
         Consistent triplets below which the search does not stop, at which it stops, and triplets drawn in all.
     """
@@ -53,6 +58,7 @@ class Pcr99:
     order: Literal["ranked", "random"] = "ranked"
     tolerance: float = 0.1
     enough_inliers: float | None = 0.009
+    refit: Literal["weighted", "once"] = "weighted"
     min_valid: int = 0
     max_valid: int = 100_000
     max_drawn: int = 10_000_000
@@ -62,8 +68,15 @@ class Pcr99:
             raise ValueError(f'compare must be "log_ratio" or "distance", got {self.compare!r}')
         if self.order not in ("ranked", "random"):
             raise ValueError(f'order must be "ranked" or "random", got {self.order!r}')
+        if self.refit not in ("weighted", "once"):
+            raise ValueError(f'refit must be "weighted" or "once", got {self.refit!r}')
         if not self.tolerance > 0:
             raise ValueError(f"tolerance must be positive, got {self.tolerance!r}")
+        if self.enough_inliers is not None and not self.enough_inliers >= 0:
+            raise ValueError(f"enough_inliers must be None or a share of the rows, got {self.enough_inliers!r}")
+        for name, least in (("min_valid", 0), ("max_valid", 1), ("max_drawn", 1)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
 
     @classmethod
     def for_pairs(cls) -> Pcr99:
@@ -85,9 +98,11 @@ class Pcr99:
         if self.compare == "distance" and problem.scale is None:
             raise ValueError('Pcr99 with compare="distance" needs a known scale; use compare="log_ratio"')
         model, tested = self._search(problem, rows, threshold, rng)
-        model = _grow(problem, model, rows, threshold)
         if not np.isfinite(model).all():
             return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
+        model = inlier_fit(problem, model, rows, threshold)
+        if self.refit == "weighted":
+            model = reweighted_fit(problem, model, rows, threshold, 10)
         return Hypothesis(model, problem.residuals(model, rows)[0], threshold, tested=tested)
 
     def _search(
@@ -114,14 +129,14 @@ class Pcr99:
         """Batches of consistent triplets of row numbers, (T, 3) each, in the order in which they are drawn."""
         known = problem.scale is not None
         scale = problem.scale or 1.0
-        columns = np.ascontiguousarray((rows - rows.mean(axis=0)).T)
+        # In units of the threshold, so that single precision serves any unit.
+        columns = np.ascontiguousarray((rows - centre(rows)).T / threshold)
         by_ratio = self.compare == "log_ratio"
-        tolerance = self.tolerance if by_ratio else self.tolerance * threshold
-        screen = (by_ratio, known, scale, tolerance)
+        screen = (by_ratio, known, scale, self.tolerance)
         if self.order == "random":
             yield from self._random_triplets(columns, screen, rng)
             return
-        ranked = self._ranking(columns, known, scale, tolerance)
+        ranked = self._ranking(columns, known, scale)
         columns = np.ascontiguousarray(columns[:, ranked])
         state = np.array([3, 0, 1, 0], np.int64)
         while True:
@@ -146,25 +161,13 @@ class Pcr99:
             for start in range(0, count, _BATCH):
                 yield found[start : min(start + _BATCH, count)]
 
-    def _ranking(self, columns: Array, known: bool, scale: float, tolerance: float) -> NDArray[np.int64]:
+    def _ranking(self, columns: Array, known: bool, scale: float) -> NDArray[np.int64]:
         """Row numbers, those consistent with the most others first."""
         counts = np.empty(columns.shape[1], np.int32)
         if self.compare == "distance":
             shared = columns.astype(np.float32)
             shared[:3] *= np.float32(scale)
-            count_consistent_distances(shared, np.float32(tolerance), counts)
+            count_consistent_distances(shared, np.float32(self.tolerance), counts)
         else:
-            count_consistent_ratios(columns, known, np.log(scale), tolerance, counts)
+            count_consistent_ratios(columns, known, np.log(scale), self.tolerance, counts)
         return np.argsort(-counts, kind="stable")
-
-
-def _grow(problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
-    """Refit a model to its inliers as long as they become more."""
-    best = -1
-    while np.isfinite(model).all():
-        inliers = problem.residuals(model, rows)[0] < threshold
-        if inliers.sum() <= best:
-            break
-        best, grown = int(inliers.sum()), model
-        model = problem.refit(model, rows, inliers.astype(np.float64))
-    return grown if best >= 0 else model

@@ -31,8 +31,11 @@ class Registration:
     split: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
-        if self.scale is not None and not (np.isfinite(self.scale) and self.scale > 0):
+        if self.scale is None:
+            return
+        if not isinstance(self.scale, (int, float, np.floating, np.integer)) or not 0 < self.scale < np.inf:
             raise ValueError(f"scale must be positive, or None to estimate it, got {self.scale!r}")
+        object.__setattr__(self, "scale", float(self.scale))  # other types would compile the kernels anew
 
     def solve_minimal(self, samples: Array) -> Array:
         """Models of B samples of three rows (B, 3, 6); collinear samples have none."""
@@ -47,13 +50,13 @@ class Registration:
         return residuals
 
     def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
-        # Single precision is twice as fast; near the origin its error is far below any useful threshold.
-        mean = rows.mean(axis=0)
-        shifted = models.copy()
-        shifted[:, :, 3] += models[:, :, :3] @ mean[:3] - mean[3:]
+        # Single precision is twice as fast; near the origin, in units of the threshold, its error does not matter.
+        shift = centre(rows)
+        scaled = models.copy()
+        scaled[:, :, 3] = (models[:, :, 3] + models[:, :, :3] @ shift[:3] - shift[3:]) / threshold
+        columns = np.ascontiguousarray((rows - shift).T / threshold, np.float32)
         counts = np.empty(len(models), np.int64)
-        columns = np.ascontiguousarray((rows - mean).T, np.float32)
-        count_registration_inliers(shifted.astype(np.float32), columns, np.float32(threshold**2), counts)
+        count_registration_inliers(scaled.astype(np.float32), columns, np.float32(1.0), counts)
         return counts
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:
@@ -75,6 +78,14 @@ class Registration:
         return np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0)))
 
 
+def centre(rows: Array) -> Array:
+    """A point amid the rows (D,), which a few rows far away, or not finite, do not move."""
+    some = rows[:: max(1, len(rows) // 500)]
+    finite = some[np.isfinite(some).all(axis=1)]
+    return np.median(finite, axis=0) if len(finite) else np.zeros(rows.shape[1])
+
+
 def _rotations(models: Array) -> Array:
     linear = np.asarray(models)[..., :3, :3]
-    return linear / np.cbrt(np.linalg.det(linear))[..., None, None]
+    with np.errstate(invalid="ignore"):
+        return linear / np.cbrt(np.linalg.det(linear))[..., None, None]

@@ -1,0 +1,34 @@
+"""Robust fits of a model to rows, from a start that is nearly right."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nonsac.problems import Problem
+from nonsac.result import Array
+
+
+def reweighted_fit(problem: Problem, model: Array, rows: Array, threshold: float, iterations: int) -> Array:
+    """Iteratively reweighted least squares with Tukey's biweight, which is zero beyond the threshold.
+
+    Only rows near the start are looked at, three thresholds wide; where the fit moves far, the caller starts again.
+    """
+    rows = rows[problem.residuals(model[None], rows)[0] < 3.0 * threshold]
+    previous = np.zeros(len(rows))
+    for _ in range(iterations):
+        ratio = problem.residuals(model[None], rows)[0] / threshold
+        weights = np.where(ratio < 1.0, (1.0 - ratio**2) ** 2, 0.0)
+        if np.abs(weights - previous).max(initial=0.0) < 1e-9:
+            break
+        fitted = problem.refit(model, rows, weights)
+        if not np.isfinite(fitted).all():
+            break
+        model, previous = fitted, weights
+    return model
+
+
+def inlier_fit(problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
+    """The least-squares model of a model's inliers, or the model itself where they do not determine one."""
+    inliers = problem.residuals(model[None], rows)[0] < threshold
+    fitted = problem.refit(model, rows, inliers.astype(np.float64))
+    return fitted if np.isfinite(fitted).all() else model
