@@ -5,8 +5,8 @@
 A folder holds PLY clouds and a pairs.json with the true transforms and what counts as right. It is looked for as given,
 then in the folder that NONSAC_DATA names (default ../shared/data). Each source is turned at random about its centroid.
 All methods see the same inputs, one after the other, each in a process of its own that has been warmed up. A method
-that exceeds the time limit on one pair is given up for that condition: the pair counts as not right, the rest as not
-tried.
+that exceeds the time limit on one pair is given up in that folder and condition: the pair counts as not right, the rest
+as not tried. One that has used up its budget of seconds there is stopped, too; its number of trials says so.
 """
 
 from __future__ import annotations
@@ -90,15 +90,15 @@ def main() -> None:
     for folder in map(find_folder, arguments.folders):
         for condition in arguments.conditions:
             trials = list(read_trials(folder, arguments.stride, CONDITIONS[condition]))
-            outcomes = run(trials, workers)
+            outcomes = run(trials, workers, arguments.budget)
             for name in arguments.methods:
-                results.append(
-                    {"folder": folder.name, "condition": condition, "method": name} | summary(outcomes[name])
-                )
-                say(f"{folder.name} {condition} {name}: {json.dumps(results[-1] | {'outcomes': len(outcomes[name])})}")
+                found = {"folder": folder.name, "condition": condition, "method": name} | summary(outcomes[name])
+                say(json.dumps(found | {"outcomes": len(outcomes[name])}))
+                results.append(found)
     for worker in workers.values():
         worker.close()
-    settings = {"stride": arguments.stride, "limit_seconds": arguments.limit, "conditions": conditions_used(arguments)}
+    kept = ("stride", "limit", "budget")
+    settings = {name: getattr(arguments, name) for name in kept} | {"conditions": conditions_used(arguments)}
     write(arguments.json, "clouds", settings=settings, results=results)
 
 
@@ -110,6 +110,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--methods", nargs="+", choices=available, default=available)
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=list(CONDITIONS))
     parser.add_argument("--limit", type=float, default=60.0, help="seconds after which a method is given up")
+    parser.add_argument("--budget", type=float, default=150.0, help="seconds for a method in one folder and condition")
     parser.add_argument("--json", type=Path, default=RESULTS / "clouds.json")
     return parser.parse_args()
 
@@ -158,17 +159,22 @@ def turn_about(centre: Array, R: Array) -> Array:
     return T
 
 
-def run(trials: list[Trial], workers: dict[str, Worker]) -> dict[str, list[Outcome]]:
+def run(trials: list[Trial], workers: dict[str, Worker], budget: float) -> dict[str, list[Outcome]]:
     """The outcomes of each method; the methods take turns on each pair, so that all share the machine's moods."""
     outcomes: dict[str, list[Outcome]] = {name: [] for name in workers}
     for trial in trials:
         for name, worker in workers.items():
-            if any(outcome.seconds is None for outcome in outcomes[name]):
+            if stopped(outcomes[name], budget):
                 continue
             call = worker.call(METHODS[name][2], trial.source, trial.target, 0)
             outcomes[name].append(outcome_of(trial, call))
             say(f"  {trial.name} {name}: {outcomes[name][-1]}")
     return outcomes
+
+
+def stopped(outcomes: list[Outcome], budget: float) -> bool:
+    seconds = [outcome.seconds for outcome in outcomes]
+    return None in seconds or sum(filter(None, seconds)) > budget
 
 
 def outcome_of(trial: Trial, call: Call | None) -> Outcome:

@@ -149,7 +149,7 @@ def machine() -> dict[str, Any]:
 
 def _without_folders(argument: str) -> str:
     """An argument without the place where this machine keeps its files."""
-    return Path(argument).name if os.sep in argument else argument
+    return Path(argument).name if Path(argument).is_absolute() else argument
 
 
 def _version(package: str) -> str | None:

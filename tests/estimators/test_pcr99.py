@@ -67,7 +67,7 @@ def test_99_percent_outliers_in_a_ranked_search(estimator):
 
 def test_published_settings():
     assert Pcr99() == Pcr99("log_ratio", "ranked", 0.1, 0.009, "weighted", 0, 100_000, 10_000_000)
-    assert Pcr99.for_pairs() == Pcr99("distance", "ranked", 0.6, None, "weighted", 0, 1000, 10_000)
+    assert Pcr99.for_pairs() == Pcr99("distance", "ranked", 0.4, None, "weighted", 0, 1000, 10_000)
     assert Pcr99.for_all_pairs() == Pcr99("distance", "ranked", 0.4, 0.0009, "weighted", 1000, 5000, 10_000_000)
 
 

@@ -81,7 +81,7 @@ class Pcr99:
     @classmethod
     def for_pairs(cls) -> Pcr99:
         """The variant of Sec. 4.3: distances; 1,000 consistent or 10,000 drawn triplets."""
-        return cls("distance", tolerance=0.6, enough_inliers=None, max_valid=1000, max_drawn=10_000)
+        return cls("distance", tolerance=0.4, enough_inliers=None, max_valid=1000, max_drawn=10_000)
 
     @classmethod
     def for_all_pairs(cls) -> Pcr99:
