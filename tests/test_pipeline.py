@@ -304,9 +304,11 @@ def test_rows_without_a_finite_one_are_too_few():
     assert estimator.calls == []
 
 
-def test_nothing_found_is_degenerate():
+@pytest.mark.parametrize(("determined", "status"), [(True, Status.LOW_SUPPORT), (False, Status.DEGENERATE)])
+def test_nothing_found(determined, status, monkeypatch):
+    monkeypatch.setattr(naive.Shift, "determined", lambda self, model, inliers, threshold: determined)
     result = run(estimator=MockEstimator(dict.fromkeys(range(5), np.nan)))
-    assert result.status is Status.DEGENERATE
+    assert result.status is status
     assert np.isnan(result.T).all()
     assert (result.confidence, result.num_inliers, len(result.hypotheses)) == (0.0, 0, 5)
 

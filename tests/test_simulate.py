@@ -233,9 +233,7 @@ def test_surface_points_are_uniform(monkeypatch):
     """On a ball, the uniform distribution is known: each coordinate is uniform (Archimedes)."""
     monkeypatch.setattr(simulate, "_distance", lambda points: np.linalg.norm(points, axis=1) - 0.4)
     monkeypatch.setattr(simulate, "_BOX", np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]]))
-    points, normals = simulate._surface(
-        simulate._cells_at_surface.__wrapped__(), 20_000, np.random.default_rng(2)
-    )
+    points, normals = simulate._surface(simulate._cells_at_surface.__wrapped__(), 20_000, np.random.default_rng(2))
     assert len(points) > 2000
     assert len(points) < 15_000
     np.testing.assert_allclose(points, 0.4 * normals, atol=1e-5)

@@ -107,11 +107,9 @@ def estimate(
     clock.lap("selection")
     dropped = sum(h.dropped for h in hypotheses)
     info |= {"samples": len(hypotheses), "dropped_rows": dropped, "seconds": clock.laps}
-    if not hypotheses[winner].found:
-        enough = any(len(h.residuals) >= problem.minimal_size for h in hypotheses)
-        return failed(Status.DEGENERATE if enough else Status.TOO_FEW, noise, info, tuple(hypotheses))
-
     union = functools.cache(functools.partial(task.union, len(hypotheses)))
+    if not hypotheses[winner].found:
+        return failed(_reason(problem, union(), task.threshold), noise, info, tuple(hypotheses))
     refinement = refiner.refine(problem, hypotheses, winner, union, task.threshold)
     clock.lap("refinement")
     return Result(
@@ -172,6 +170,14 @@ class Stopwatch:
         now = time.perf_counter()
         self.laps[stage] = self.laps.get(stage, 0.0) + now - self._last
         self._last = now
+
+
+def _reason(problem: Problem, rows: Array, threshold: float) -> Status:
+    """Why no sample gave a model."""
+    if len(rows) < problem.minimal_size:
+        return Status.TOO_FEW
+    nothing = np.full((3, 4), np.nan)
+    return Status.LOW_SUPPORT if problem.determined(nothing, rows, threshold) else Status.DEGENERATE
 
 
 def _plan(rule: ScoringRule, samples: int, estimator: Estimator) -> tuple[int, Estimator]:

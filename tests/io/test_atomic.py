@@ -49,9 +49,7 @@ def test_places_that_cannot_be_written(tmp_path, refused):
     def never(_):
         raise AssertionError
 
-    assert "none does not exist; create it first" in refused(
-        write_atomically, tmp_path / "none" / "a.txt", never
-    )
+    assert "none does not exist; create it first" in refused(write_atomically, tmp_path / "none" / "a.txt", never)
     assert "is a folder or a device" in refused(write_atomically, tmp_path, never)
     if os.path.exists(os.devnull) and os.name == "posix":
         assert "is a folder or a device" in refused(write_atomically, os.devnull, never)

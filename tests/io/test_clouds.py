@@ -151,9 +151,7 @@ def test_bad_npz(make_file, refused):
 
 @pytest.mark.parametrize("suffix", READERS)
 def test_files_that_are_not_what_they_say(make_file, refused, suffix):
-    assert "it looks like a PNG image; give a point cloud file" in refused(
-        read_cloud, make_file("a" + suffix, PNG)
-    )
+    assert "it looks like a PNG image; give a point cloud file" in refused(read_cloud, make_file("a" + suffix, PNG))
     assert "the file is empty" in refused(read_cloud, make_file("a" + suffix, b""))
     noise = refused(read_cloud, make_file("a" + suffix, bytes(range(256))))
     assert "it looks like an unknown binary file" in noise
@@ -191,8 +189,7 @@ def test_paths_that_cannot_be_read(tmp_path, refused, make_file, monkeypatch):
     assert "is a folder" in refused(read_cloud, tmp_path / "folder.ply")
     message = refused(read_cloud, make_file("a.stl", b"solid"))
     assert (
-        "unknown suffix '.stl'; use one of .ply, .pcd, .xyz, .txt, .csv, .asc, .pts, .npy, .npz, .las, .laz"
-        in message
+        "unknown suffix '.stl'; use one of .ply, .pcd, .xyz, .txt, .csv, .asc, .pts, .npy, .npz, .las, .laz" in message
     )
     assert "the file name has no suffix" in refused(read_cloud, make_file("cloud", b"1 2 3"))
 
@@ -266,13 +263,9 @@ def test_what_cannot_be_written(tmp_path, refused):
     assert "unknown suffix '.las'; use one of .ply, .pcd, .xyz, .txt, .csv, .npy, .npz" in refused(
         write_cloud, tmp_path / "a.las", np.ones((2, 3))
     )
-    assert "shape (3, 4) instead of (n, 3); transpose" in refused(
-        write_cloud, tmp_path / "a.ply", np.ones((3, 4))
-    )
+    assert "shape (3, 4) instead of (n, 3); transpose" in refused(write_cloud, tmp_path / "a.ply", np.ones((3, 4)))
     assert "array of type <U1" in refused(write_cloud, tmp_path / "a.ply", np.full((2, 3), "a"))
-    assert "does not exist; create it first" in refused(
-        write_cloud, tmp_path / "none" / "a.ply", np.ones((2, 3))
-    )
+    assert "does not exist; create it first" in refused(write_cloud, tmp_path / "none" / "a.ply", np.ones((2, 3)))
 
 
 def test_heavy_libraries_are_imported_late():

@@ -14,9 +14,7 @@ from nonsac.io import InputError, read_cloud, read_pairs, read_transform
 BODY = struct.pack("<6d", *range(6))
 SAMPLES = {
     "ascii.ply": ply_header("ascii", FACES, f"element vertex 2\n{XYZ}") + b"3 0 1 2\n3 0 1 2\n1 2 3\n4 5 6\n",
-    "binary.ply": ply_header("binary_little_endian", FACES, f"element vertex 2\n{XYZ}")
-    + mixed_faces("<")
-    + BODY,
+    "binary.ply": ply_header("binary_little_endian", FACES, f"element vertex 2\n{XYZ}") + mixed_faces("<") + BODY,
     "list.ply": ply_header("binary_big_endian", f"element vertex 1\nproperty list uchar short w\n{XYZ}")
     + b"\x01\x00\x00"
     + BODY[:24],
@@ -38,9 +36,7 @@ def test_damaged_files(tmp_path, name, data):
     for _ in range(data.draw(st.integers(0, 4))):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path = tmp_path / name
-    path.write_bytes(
-        content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content
-    )
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content)
     for read in (read_cloud, read_pairs, read_transform):
         with contextlib.suppress(InputError):
             read(path)

@@ -10,12 +10,8 @@ from nonsac.io import read_cloud
 
 def las(points, count=None):
     """Build a LAS 1.2 file of point format 0 from the definition of the format."""
-    head = b"LASF" + struct.pack(
-        "<HHIHH8sBB32s32sHHH", 0, 0, 0, 0, 0, b"", 1, 2, b"hand", b"hand", 1, 2026, 227
-    )
-    head += struct.pack(
-        "<IIBHI5I", 227, 0, 0, 20, len(points) if count is None else count, len(points), 0, 0, 0, 0
-    )
+    head = b"LASF" + struct.pack("<HHIHH8sBB32s32sHHH", 0, 0, 0, 0, 0, b"", 1, 2, b"hand", b"hand", 1, 2026, 227)
+    head += struct.pack("<IIBHI5I", 227, 0, 0, 20, len(points) if count is None else count, len(points), 0, 0, 0, 0)
     head += struct.pack("<3d", 0.01, 0.01, 0.5) + struct.pack("<3d", 1000, 2000, 0)
     head += struct.pack("<6d", 2000, 0, 3000, 0, 100, 0)
     return head + b"".join(struct.pack("<3i", *point) + bytes(8) for point in points)

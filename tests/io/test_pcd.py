@@ -19,9 +19,7 @@ def check(path, expected=POINTS):
     np.testing.assert_array_equal(points, np.array(expected))
 
 
-@pytest.mark.parametrize(
-    "changes", [{}, {"VERSION": ".5"}, {"COUNT": None}, {"POINTS": None}, {"VIEWPOINT": None}]
-)
+@pytest.mark.parametrize("changes", [{}, {"VERSION": ".5"}, {"COUNT": None}, {"POINTS": None}, {"VIEWPOINT": None}])
 @pytest.mark.parametrize("rows", [b"0.1 2 -3.5\n4 nan 1e-9\n", b"0.1  2\t-3.5 \r\n\r\n4 nan 1e-9"])
 def test_ascii(make_file, changes, rows):
     check(make_file("a.pcd", pcd_header("ascii", changes) + rows))

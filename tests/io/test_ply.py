@@ -28,9 +28,7 @@ def test_ascii_with_windows_line_ends(make_file):
 
 
 def test_ascii_with_faces_around_and_lists(make_file):
-    vertex = (
-        "element vertex 2\nproperty list uchar float w\nproperty float z\nproperty int x\nproperty int y\n"
-    )
+    vertex = "element vertex 2\nproperty list uchar float w\nproperty float z\nproperty int x\nproperty int y\n"
     head = ply_header("ascii", FACES, vertex, "element edge 1\nproperty int a\n")
     rows = b"3 0 1 2\n4 0 1 2 3\n2 0.5 0.5 3 1 2\n0 6 4 5\n7\n"
     check(make_file("a.ply", head + rows), [[1, 2, 3], [4, 5, 6]])

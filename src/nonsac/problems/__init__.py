@@ -51,7 +51,7 @@ class Problem(Protocol):
         ...
 
     def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
-        """Whether these inlier rows, uncertain by the threshold, pin the model down."""
+        """Whether these inlier rows, uncertain by the threshold, pin the model down; the model may be NaN."""
         ...
 
     def distance(self, a: Array, b: Array) -> Array:

@@ -67,9 +67,9 @@ class Registration:
 
     def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
         """False for collinear inliers: the rotation about their line would be uncertain by ten degrees or more."""
-        target = inliers[:, 3:]
-        deviations = np.linalg.svd(target - target.mean(axis=0), compute_uv=False)
-        return bool(threshold / 5.0 < 0.17 * deviations[1])
+        halves = (inliers[:, :3], inliers[:, 3:])
+        spread = min(np.linalg.svd(half - half.mean(axis=0), compute_uv=False)[1] for half in halves)
+        return bool(threshold / 5.0 < 0.17 * spread)
 
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees: 2 asin(|A - B|_F / sqrt 8) keeps its digits at small angles."""

@@ -1,0 +1,202 @@
+"""Writes the tables of docs/benchmarks.md from the JSON files in benchmarks/results/.
+
+    python benchmarks/report.py [--check]
+
+Only the part between the two markers is replaced; with --check nothing is written, and the exit code is 1 where the
+page does not agree with the files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cloud_methods
+import pairs
+from common import RESULTS
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
+BEGIN, END = "<!-- results: written by benchmarks/report.py -->", "<!-- end of results -->"
+
+Row = dict[str, Any]
+
+FOLDERS = {
+    "bunny_scans": "Range scans of the Stanford bunny",
+    "redkitchen": "Indoor RGB-D fragments (7-scenes, redkitchen)",
+    "car_lidar": "Car LiDAR",
+}
+CONDITIONS = {
+    "clean": "clean",
+    "noise": "1 % noise",
+    "points": "1,000 points",
+    "clutter": "100 % clutter",
+}
+BASIN = 15.0  # degrees
+OURS = "nonsac"
+NONE = "–"  # noqa: RUF001
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--check", action="store_true")
+    check = parser.parse_args().check
+    page = PAGE.read_text()
+    head, rest = page.split(BEGIN)
+    tail = rest.split(END)[1]
+    fresh = f"{head}{BEGIN}\n\n{body()}\n{END}{tail}"
+    if check and fresh != page:
+        sys.exit(f"{PAGE.name} does not agree with benchmarks/results: run python benchmarks/report.py")
+    if not check:
+        PAGE.write_text(fresh)
+
+
+def body() -> str:
+    writers: dict[str, Callable[[Row], str]] = {"clouds": clouds, "pairs": pairs_section, "kernels": kernels}
+    files = [json.loads(path.read_text()) for path in sorted(RESULTS.glob("*.json"))]
+    ordered = sorted(files, key=lambda file: list(writers).index(file["benchmark"]))
+    return "\n".join(writers[file["benchmark"]](file) for file in ordered)
+
+
+def clouds(file: Row) -> str:
+    parts = []
+    for folder in unique(row["folder"] for row in file["results"]):
+        rows = [row for row in file["results"] if row["folder"] == folder]
+        header = ["condition", "method", "right", f"within {BASIN:g}°", "false claims", "silent", "time", "error"]
+        lines = [cloud_line(row) for row in rows]
+        title = f"## Raw clouds: {FOLDERS.get(folder, folder)}\n"
+        parts.append("\n".join([title, table(header, lines), losses(rows, "condition", CONDITIONS), origin(file)]))
+    return "\n".join(parts)
+
+
+def cloud_line(row: Row) -> list[str]:
+    near = sum(o["degrees"] is not None and o["degrees"] <= BASIN for o in row["outcomes"])
+    return [
+        CONDITIONS[row["condition"]],
+        cloud_methods.METHODS[row["method"]][0],
+        share(row),
+        str(near),
+        str(row["false_claims"]),
+        str(row["silent"]),
+        seconds(row["median_seconds"]),
+        degrees(row["median_degrees_of_right"]),
+    ]
+
+
+def pairs_section(file: Row) -> str:
+    settings = file["settings"]
+    rows = file["results"]
+    header = ["outliers", "method", "mAA(1..10)", "right", "false claims", "silent", "time", "memory"]
+    intro = (
+        f"## Given pairs\n\n{settings['rows']:,} pairs in a unit cube, standard deviation {settings['noise']:g}; right is "
+        f"within {settings['right_degrees']:g}°.\n"
+    )
+    lines = [pair_line(row) for row in rows]
+    ratios = {row["outlier_ratio"]: f"{row['outlier_ratio']:.1%}" for row in rows}
+    return "\n".join([intro, table(header, lines), losses(rows, "outlier_ratio", ratios), origin(file)])
+
+
+def pair_line(row: Row) -> list[str]:
+    return [
+        f"{row['outlier_ratio']:.1%}",
+        pairs.METHODS[row["method"]][0],
+        f"{row['mean_average_accuracy']:.3f}",
+        share(row),
+        NONE if row["false_claims"] is None else str(row["false_claims"]),
+        NONE if row["silent"] is None else str(row["silent"]),
+        seconds(milliseconds_of(row) / 1000.0),
+        f"{row['peak_megabytes']:.0f} MB",
+    ]
+
+
+def kernels(file: Row) -> str:
+    results = file["results"]
+    lines = [
+        ["distance consistency, a pair of rows", f"{results['consistency_ns_per_pair']:.2f} ns"],
+        ["a moved point looked up in the grid of nearest points", f"{results['score_models_ns_per_lookup']:.2f} ns"],
+        [
+            "motions made, scored and ranked by one sample",
+            f"{results['motions_per_second'] / 1e6:.2f} million a second",
+        ],
+    ]
+    return "\n".join(["## Kernels, one thread\n", table(["work", "throughput"], lines), origin(file)])
+
+
+def losses(rows: Sequence[Row], key: str, names: dict[Any, str]) -> str:
+    """In words, where a rival does better than we do."""
+    found = []
+    for value in unique(row[key] for row in rows):
+        group = {row["method"]: row for row in rows if row[key] == value}
+        ours = group.pop(OURS, None)
+        for row in group.values() if ours else ():
+            better = list(advantages(row, ours))
+            if better:
+                found.append(f"- {names[value]}: {name_of(row)} {' and '.join(better)}.")
+    if not found:
+        return "Nowhere here does a rival do better.\n"
+    return "\n".join(["Where rivals do better:\n", *found, ""])
+
+
+def advantages(row: Row, ours: Row) -> Iterable[str]:
+    if row["right"] / row["trials"] > ours["right"] / ours["trials"]:
+        yield f"is right more often ({share(row)} against {share(ours)})"
+    if not row["right"]:
+        return  # being fast, or accurate, counts only for one that is sometimes right
+    if (row["false_claims"] or 0) < (ours["false_claims"] or 0) and row["false_claims"] is not None:
+        yield f"makes fewer false claims ({row['false_claims']} against {ours['false_claims']})"
+    if milliseconds_of(row) < milliseconds_of(ours):
+        yield f"is faster ({seconds(milliseconds_of(row) / 1e3)} against {seconds(milliseconds_of(ours) / 1e3)})"
+    error, our_error = (r.get("median_degrees_of_right") for r in (row, ours))
+    if error is not None and our_error is not None and error < our_error:
+        yield f"has a smaller median error where it is right ({degrees(error)} against {degrees(our_error)})"
+
+
+def milliseconds_of(row: Row) -> float:
+    if "median_milliseconds" in row:
+        return float("inf") if row["median_milliseconds"] is None else row["median_milliseconds"]
+    return float("inf") if row["median_seconds"] is None else 1000.0 * row["median_seconds"]
+
+
+def name_of(row: Row) -> str:
+    methods = cloud_methods.METHODS if "folder" in row else pairs.METHODS
+    return methods[row["method"]][0]
+
+
+def origin(file: Row) -> str:
+    """One line that says where the figures come from."""
+    machine = file["machine"]
+    versions = ", ".join(f"{name} {number}" for name, number in file["versions"].items() if number)
+    return (
+        f"<sub>{file['date']}; {machine['processor']}, {machine['cores']} cores, {machine['memory_gb']} GB, "
+        f"{machine['system']}; {versions}; `{file['command']}`</sub>\n"
+    )
+
+
+def table(header: list[str], lines: list[list[str]]) -> str:
+    rows = [header, ["---"] * len(header), *lines]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
+
+
+def share(row: Row) -> str:
+    return f"{row['right']}/{row['trials']}" + (" (given up)" if row["given_up"] else "")
+
+
+def seconds(value: float | None) -> str:
+    if value is None or value == float("inf"):
+        return NONE
+    return f"{1000.0 * value:.0f} ms" if value < 1.0 else f"{value:.1f} s"
+
+
+def degrees(value: float | None) -> str:
+    return NONE if value is None else f"{value:.2f}°"
+
+
+def unique(values: Iterable[Any]) -> list[Any]:
+    return list(dict.fromkeys(values))
+
+
+if __name__ == "__main__":
+    main()
