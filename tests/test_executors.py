@@ -1,3 +1,4 @@
+import math
 import threading
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -66,8 +67,9 @@ def test_an_executor_of_threads_is_used_and_left_running():
 
 def test_an_executor_of_processes_gives_the_same():
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        assert list(ordered_map(square, 20, pool)) == [i * i for i in range(20)]
-        assert pool.submit(square, 5).result() == 25
+        # A function that the new processes can import, wherever the tests lie.
+        assert list(ordered_map(math.factorial, 20, pool)) == [math.factorial(i) for i in range(20)]
+        assert pool.submit(math.factorial, 5).result() == 120
 
 
 def test_one_worker_runs_in_the_calling_thread():

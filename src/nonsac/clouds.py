@@ -122,28 +122,34 @@ class SurfaceRefiner:
         self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
     ) -> Refinement:
         fine = dense_overlap(self.coarse)
-        models = self._distinct_answers(hypotheses)
-        every = max(1, len(fine.source.coarse) // 1500)
-        sparse = replace(fine, source=replace(fine.source, coarse=fine.source.coarse[::every]))
-        models = sparse.aligned(models, 15)
-        supports = np.array([fine.support(model) for model in models])
-        order = np.argsort(-supports, kind="stable")
-        models, supports = models[order], supports[order]
-        kept = distinct(models, SAME_ANGLE, self.coarse.reach)
-        models, supports = models[kept], supports[kept]
+        models, supports = self._compared(fine, self._distinct_answers(hypotheses))
         best = self._finished(fine, models[0], int(supports[0]))
         distances = fine.surface_distances(best)
-        inliers = int(np.isfinite(distances).sum())
-        total = len(fine.source.coarse) + len(fine.target.coarse)
-        verdict = judge_overlap(inliers, supports[1:], total)
-        alternatives = tuple(
-            Alternative(homogeneous(model), float(support) / total)
-            for model, support in zip(models[1:4], supports[1:4], strict=True)
-        )
-        noise = 1.4826 * float(np.median(distances[np.isfinite(distances)])) if inliers else float("nan")
+        distances, total = distances[np.isfinite(distances)], len(distances)
+        verdict = judge_overlap(len(distances), supports[1:], total)
         return Refinement(
-            best, verdict.status, verdict.confidence, inliers, total, alternatives, noise=noise, threshold=fine.reach
+            best,
+            verdict.status,
+            verdict.confidence,
+            num_inliers=len(distances),
+            num_rows=total,
+            alternatives=tuple(
+                Alternative(homogeneous(model), float(support) / total)
+                for model, support in zip(models[1:4], supports[1:4], strict=True)
+            ),
+            noise=1.4826 * float(np.median(distances)) if len(distances) else float("nan"),
+            threshold=fine.reach,
         )
+
+    def _compared(self, fine: Overlap, models: Array) -> tuple[Array, np.ndarray]:
+        """The distinct answers after alignment on the dense surfaces, and their supports, best first."""
+        every = max(1, len(fine.source.coarse) // 1500)
+        sparse = replace(fine, source=replace(fine.source, coarse=fine.source.coarse[::every]))
+        models = sparse.aligned(models)
+        supports = np.array([fine.support(model) for model in models])
+        order = np.argsort(-supports, kind="stable")
+        kept = order[distinct(models[order], SAME_ANGLE, self.coarse.reach)]
+        return models[kept], supports[kept]
 
     def _distinct_answers(self, hypotheses: Sequence[Hypothesis]) -> Array:
         """The answers of all samples, those under which the coarse clouds are closest first."""
