@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import naive
+import nonsac
 from nonsac import Pcr99, Status, estimate, register_pairs, simulate
 from nonsac.evaluation import rotation_error
 from nonsac.problems import Registration
@@ -383,3 +384,10 @@ def test_shuffled_real_matches_are_never_claimed(real_matches, rng):
     for _ in range(2):
         target = rng.permutation(matches["tgt"])
         assert not register_pairs(matches["src"], target, noise=float(matches["tau"]) / 5).success
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_repeated_pure_outliers_are_not_trusted(seed):
+    rng = np.random.default_rng(seed)
+    source, target = (np.repeat(rng.uniform(size=(400, 3)), 8, axis=0) for _ in range(2))
+    assert not nonsac.register_pairs(source, target, noise=0.02, rng=seed).success

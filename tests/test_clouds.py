@@ -200,9 +200,26 @@ class TestBadInput:
         result = nonsac.register_clouds(rng.normal(size=(count, 3)), rng.normal(size=(count, 3)))
         assert not result.success
 
-    def test_one_far_point_does_no_harm(self, scans):
+    @pytest.mark.parametrize("far", [30.0, 300.0, 1e6])
+    def test_stray_points_do_no_harm(self, scans, far):
         source, target, T = scans
-        assert_right(nonsac.register_clouds(np.vstack([source, [[300.0, 0, 0]]]), target), T)
+        plain = nonsac.register_clouds(source, target)
+        stray = nonsac.register_clouds(np.vstack([source, [[far, 0, 0]]]), np.vstack([target, [[0, far, 0]]]))
+        assert_right(stray, T)
+        assert stray.info["stray_source"] == stray.info["stray_target"] == 1
+        assert stray.num_inliers > 0.9 * plain.num_inliers
+
+    def test_masked_points_are_dropped(self, scans):
+        source, target, T = scans
+        masked = np.ma.masked_array(source.copy())
+        masked[:500] = 1e3
+        masked[:500] = np.ma.masked
+        with pytest.warns(UserWarning, match="dropped 500 of"):
+            assert_right(nonsac.register_clouds(masked, target), T)
+
+    def test_mostly_one_point(self, rng):
+        cloud = np.vstack([np.zeros((2000, 3)), rng.normal(size=(20, 3))])
+        assert not nonsac.register_clouds(cloud, cloud).success
 
 
 class TestVerdict:
@@ -243,6 +260,12 @@ class TestVerdict:
         rng = np.random.default_rng(seed)
         result = nonsac.register_clouds(rng.uniform(size=(1500, 3)), rng.uniform(size=(1500, 3)), rng=seed)
         assert not result.success
+
+    @pytest.mark.parametrize("seed", range(8))
+    def test_few_points_in_a_volume(self, seed):
+        rng = np.random.default_rng(seed)
+        points = rng.normal(size=(40, 3))
+        assert not nonsac.register_clouds(points[:30], points[10:], rng=seed).success
 
 
 class TestRealScans:

@@ -88,13 +88,30 @@ def numbers(rows):
 # --- sampling -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("n", "samples", "size"), [(1000, 5, 40), (100, 5, 40), (30, 3, 40), (200, 5, 40)])
+@pytest.mark.parametrize(("n", "samples", "size"), [(1000, 5, 40), (100, 5, 40), (200, 5, 40)])
 def test_the_estimator_gets_the_rows_of_each_sample(n, samples, size):
     estimator = MockEstimator()
     run(shifted_rows(n), estimator, samples=samples, sample_size=size)
     assert len(estimator.calls) == samples
     for i, call in enumerate(estimator.calls):
         np.testing.assert_array_equal(numbers(call["rows"]), sample_rows(n, i, samples, size, SEED))
+
+
+@pytest.mark.parametrize("n", [30, 40])
+def test_samples_that_would_all_be_the_same_rows_are_one_with_the_budget_of_all(n):
+    estimator = MockEstimator()
+    result = run(shifted_rows(n), estimator, samples=3, sample_size=40)
+    assert [call["budget"] for call in estimator.calls] == [3]
+    np.testing.assert_array_equal(numbers(estimator.calls[0]["rows"]), np.arange(n))
+    assert result.info["samples"] == 1
+
+
+@pytest.mark.parametrize("name", ["estimator", "problem", "source"])
+def test_a_class_is_no_object(name):
+    arguments = {"source": ArraySource(shifted_rows()), "problem": naive.Shift(), "estimator": MockEstimator()}
+    arguments[name] = type(arguments[name])
+    with pytest.raises(TypeError, match=name):
+        estimate(**arguments, noise=NOISE)
 
 
 def test_the_threshold_is_five_times_the_noise():

@@ -27,7 +27,7 @@ def judge(model, rows, tested=1000):
 def test_many_right_rows_are_trusted():
     verdict = judge(*scene(0))
     assert verdict.status is Status.OK
-    assert verdict.confidence > 1 - 1e-6
+    assert verdict.confidence > 0.99
 
 
 def test_no_right_rows_are_not_trusted():
@@ -60,7 +60,21 @@ def test_the_chance_is_a_binomial_tail_times_the_number_of_models():
     for tested in (1, 2, 50):
         chance = tested * sum(binom.pmf(k, len(rows) - 3, rate) for k in range(inliers - 3, len(rows)))
         assert chance > 1e-9
-        assert judge(model, rows, tested).confidence == pytest.approx(1 - min(1, chance), abs=1e-9)
+        confidence = 1 - min(1, chance) ** (np.log(0.5) / np.log(1e-6))
+        assert judge(model, rows, tested).confidence == pytest.approx(confidence, abs=1e-6)
+
+
+def test_inliers_that_share_a_point_count_once():
+    model, rows = scene(3, right=8)
+    once = judge(model, rows)
+    inliers = rows[naive.residuals(model, rows) < THRESHOLD]
+    again = judge(model, np.vstack([rows, *[inliers] * 20]))
+    assert again.confidence <= once.confidence
+
+
+def test_points_that_form_no_surface_are_not_trusted():
+    assert judge_overlap(900, np.array([100]), 1000).status is Status.OK
+    assert judge_overlap(900, np.array([100]), 1000, surfaces=False).status is Status.LOW_SUPPORT
 
 
 def test_more_tested_models_lower_the_confidence():

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,13 +71,20 @@ def register_clouds(
     seed = canonical_seed(rng)
     a, dropped_source = _finite_cloud(source, "source")
     b, dropped_target = _finite_cloud(target, "target")
-    info = {"seed": seed, "dropped_source": dropped_source, "dropped_target": dropped_target}
-    reason = _unusable(a) or _unusable(b)
+    info = {
+        "seed": seed,
+        "version": version("nonsac"),
+        "dropped_source": dropped_source,
+        "dropped_target": dropped_target,
+    }
+    if min(len(a), len(b)) < 3:
+        return failed(Status.TOO_FEW, float("nan"), info)
+    frame = CommonFrame.of(a, b)
+    full_source, full_target = frame.normalised(a, frame.source_origin), frame.normalised(b, frame.target_origin)
+    info |= {"stray_source": len(a) - len(full_source), "stray_target": len(b) - len(full_target)}
+    reason = _unusable(full_source) or _unusable(full_target)
     if reason is not None:
         return failed(reason, float("nan"), info)
-
-    frame = CommonFrame.of(a, b)
-    full_source, full_target = (a - frame.source_origin) / frame.unit, (b - frame.target_origin) / frame.unit
     overlap = coarse_overlap(Surface.from_points(full_source), Surface.from_points(full_target))
     clock.lap("preparation")
 
@@ -95,9 +103,10 @@ def register_clouds(
         progress=progress,
     )
     result = search(estimator, stop=Agreement(overlap.reach))
+    seconds = clock.laps | result.info["seconds"]
     if not result.success:  # harder than it looked: all samples, and twice the candidates in each
         result = search(estimator.with_budget(2))
-    seconds = clock.laps | result.info["seconds"]
+        seconds |= {stage: seconds[stage] + again for stage, again in result.info["seconds"].items()}
     return frame.restore(replace(result, info=result.info | info | {"seconds": seconds}))
 
 
@@ -170,7 +179,9 @@ def register_pairs(
 
 def _cloud(points: ArrayLike, name: str) -> Array:
     """The points as a (n, 3) array of their own dtype, or an error that says what is wrong with them."""
-    array = np.asanyarray(points)
+    if np.ma.isMaskedArray(points):
+        points = np.ma.filled(np.ma.asarray(points).astype(np.float64), np.nan)
+    array = np.asarray(points)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name} must be an array of real numbers (n, 3), got dtype {array.dtype}")
     if array.ndim == 2 and array.shape[0] == 3 and array.shape[1] > 3:

@@ -432,7 +432,7 @@ def _errors(result: Result, truth: Array) -> dict[str, float | None]:
 def _write_scans(folder: Path, scans: CloudPair, quietly: bool) -> None:
     from nonsac.io import write_cloud, write_transform
 
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     write_cloud(folder / "source.ply", scans.source)
     write_cloud(folder / "target.ply", scans.target)
     write_transform(folder / "T.txt", scans.T)

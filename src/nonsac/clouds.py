@@ -36,7 +36,14 @@ class CommonFrame:
     def of(cls, source: Array, target: Array) -> CommonFrame:
         boxes = [np.quantile(_some(points), [0.005, 0.5, 0.995], axis=0) for points in (source, target)]
         unit = max(float(np.linalg.norm(box[2] - box[0])) for box in boxes)
-        return cls(boxes[0][1], boxes[1][1], unit)
+        if not unit > 0:  # nearly all points are one: go by the others
+            unit = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in (source, target))
+        return cls(boxes[0][1], boxes[1][1], unit if unit > 0 else 1.0)
+
+    def normalised(self, points: Array, origin: Array) -> Array:
+        """The points in this frame, without strays: points more than three times the clouds' size away."""
+        moved = (points - origin) / self.unit
+        return moved[np.abs(moved).max(axis=1) < 3.0]
 
     def to_target(self, model: Array) -> Array:
         """A motion of the normalised clouds as a motion (4, 4) of the given ones."""
@@ -126,7 +133,7 @@ class SurfaceRefiner:
         best = self._finished(fine, models[0], int(supports[0]))
         distances = fine.surface_distances(best)
         distances, total = distances[np.isfinite(distances)], len(distances)
-        verdict = judge_overlap(len(distances), supports[1:], total)
+        verdict = judge_overlap(len(distances), supports[1:], total, fine.source.thin and fine.target.thin)
         return Refinement(
             best,
             verdict.status,

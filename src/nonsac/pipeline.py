@@ -63,9 +63,10 @@ def estimate(
     samples, sample_size : int
         The paper's m and N. Samples do not overlap where the source has m N rows, else they are drawn independently.
     rule : str or ScoringRule
-        How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object.
+        How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object. It decides the answer with
+        refine="none"; refiners that compare all hypotheses anew, as "union" does, overrule it.
     refine : "union", "none" or Refiner
-        "union" rescores and refits on all sampled rows; "none" returns the selected hypothesis as it is.
+        "union" rescores all hypotheses on all sampled rows and refits the best; "none" returns the selected one.
     stop : callable, optional
         Called as `stop(hypotheses, problem)` after each sample; ends the sampling where it says so.
     workers : None, int or concurrent.futures.Executor
@@ -84,10 +85,19 @@ def estimate(
     ValueError
         Where an argument is out of its range; the message names it. Bad data do not raise: they end in a status.
     """
+    for name, value, kind in (
+        ("source", source, Source),
+        ("problem", problem, Problem),
+        ("estimator", estimator, Estimator),
+    ):
+        if not _is_object(value, kind):
+            raise TypeError(f"{name} must be an object of the kind {kind.__module__}.{kind.__name__}, got {value!r}")
     _check(source, problem, noise, samples, sample_size)
-    selector = rule if isinstance(rule, ScoringRule) else scoring.by_name(rule)
-    refiner = refine if isinstance(refine, Refiner) else refiners.by_name(refine)
+    selector = scoring.by_name(rule) if isinstance(rule, str) or not _is_object(rule, ScoringRule) else rule
+    refiner = refiners.by_name(refine) if isinstance(refine, str) or not _is_object(refine, Refiner) else refine
     budget, estimator = _plan(selector, samples, estimator)
+    if sample_size >= len(source) and budget > 1:  # every sample would be all rows: one, with the budget of all
+        budget, estimator = 1, estimator.with_budget(budget)
     clock = Stopwatch()
     task = SampleTask(source, problem, estimator, threshold_of(noise), budget, sample_size, canonical_seed(rng))
     info = {"seed": task.seed, "version": version("nonsac"), "rule": selector.name, "sample_size": sample_size}
@@ -170,6 +180,11 @@ class Stopwatch:
         now = time.perf_counter()
         self.laps[stage] = self.laps.get(stage, 0.0) + now - self._last
         self._last = now
+
+
+def _is_object(value: object, kind: type) -> bool:
+    """Whether a value fulfils a contract, and is not merely the class of one that does."""
+    return isinstance(value, kind) and not isinstance(value, type)
 
 
 def _reason(problem: Problem, rows: Array, threshold: float) -> Status:

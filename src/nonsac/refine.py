@@ -88,7 +88,7 @@ class UnionRefit:
         return judged(problem, hypotheses, best, rows, threshold)
 
 
-def by_name(name: str) -> Refiner:
+def by_name(name: object) -> Refiner:
     """The refiner with this name: "union" or "none"."""
     refiners: dict[str, Refiner] = {"union": UnionRefit(), "none": AsSelected()}
     if not isinstance(name, str) or name not in refiners:

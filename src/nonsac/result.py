@@ -87,7 +87,7 @@ class Hypothesis:
         return self.residuals[self.residuals < self.threshold]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Alternative:
     """A clearly different answer that the data support next best: `T` (4, 4) and its `support` in [0, 1]."""
 
@@ -107,7 +107,8 @@ class Result:
     status : Status
         `Status.OK` or the reason why the answer is not to be trusted.
     confidence : float
-        In [0, 1]: one minus the estimated chance that an answer with this evidence is wrong. See `docs/verdict.md`.
+        In [0, 1], 0.5 at the bound between trusted and not. It orders answers and is not calibrated; see
+        `docs/verdict.md`.
     num_inliers, num_rows : int
         Rows (or points) that support the returned `T`, out of those that it was tested on.
     noise : float
@@ -157,9 +158,11 @@ class Result:
 
     @property
     def rotation(self) -> Any:
-        """The rotation as a `scipy.spatial.transform.Rotation`."""
+        """The rotation as a `scipy.spatial.transform.Rotation`; raises `FailedEstimation` where nothing was found."""
         from scipy.spatial.transform import Rotation
 
+        if not np.isfinite(self.T).all():
+            raise FailedEstimation(f"{self.status}: {self.status.explanation}")
         return Rotation.from_matrix(self.R)
 
     @property

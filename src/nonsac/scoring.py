@@ -36,7 +36,7 @@ def select(rule: ScoringRule, hypotheses: Sequence[Hypothesis], problem: Problem
     """The best hypothesis' index and the scores of all; hypotheses without a model never beat one with."""
     scores = np.asarray(rule.scores(hypotheses, problem), np.float64).copy()
     found = np.array([h.found for h in hypotheses])
-    scores[~found] = -np.inf
+    scores[~found | np.isnan(scores)] = -np.inf
     if not np.isfinite(scores).any() and found.any():  # no pair or no inliers to go by
         scores[found] = _inlier_counts(hypotheses)[found]
     return int(np.argmax(scores)), scores
@@ -193,7 +193,7 @@ def paper_rules() -> tuple[ScoringRule, ...]:
     )
 
 
-def by_name(name: str) -> ScoringRule:
+def by_name(name: object) -> ScoringRule:
     """The rule with this name in files and on the command line: `most_inliers`, `pair_0.1`, `tlp_0.1`, ..."""
     for rule in (*paper_rules(), FixedSample()):
         if rule.name == name:

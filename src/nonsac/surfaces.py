@@ -16,7 +16,10 @@ from nonsac.result import Array
 # Smallest difference of the mean log distances of clutter and surface, a factor of two; noise alone stays below 0.55.
 _CLUTTER_GAP = 0.75
 
-# A grid of five bytes a cell stays near 100 MB.
+# With fewer points, ten neighbours span a good part of the cloud and their planes mean nothing.
+_FEWEST_POINTS = 100
+
+# Nine bytes a cell while a grid is filled.
 _MAX_CELLS = 2e7
 
 
@@ -93,6 +96,8 @@ class Surface:
         Distance between neighbouring coarse points.
     noisy : bool
         Whether the cloud had to be smoothed: its noise is as large as the distance between its points.
+    thin : bool
+        Whether it is a surface, after smoothing, and not points in a volume, or too few to tell.
     """
 
     points: Array
@@ -100,6 +105,7 @@ class Surface:
     coarse: np.ndarray
     spacing: float
     noisy: bool
+    thin: bool
 
     @classmethod
     def from_points(cls, points: Array, spacing: float | None = None, dense: int = 6000, coarse: int = 500) -> Surface:
@@ -114,7 +120,8 @@ class Surface:
             planes = LocalPlanes.of(thin_to(without_clutter(points), dense)).smoothed()
             thinned = planes.points
         spacing = spacing or voxel_for(thinned, min(coarse, int(0.8 * len(thinned))))
-        return cls(thinned, planes.normals, _coarse(thinned, spacing), spacing, noisy)
+        is_surface = len(thinned) >= _FEWEST_POINTS and not planes.thick
+        return cls(thinned, planes.normals, _coarse(thinned, spacing), spacing, noisy, is_surface)
 
     def with_spacing(self, spacing: float) -> Surface:
         """The same surface with other coarse points."""
@@ -218,5 +225,5 @@ def voxel_for(points: Array, count: int) -> float:
         occupied = small_gicp.voxelgrid_sampling(points, voxel).size()
         if abs(occupied - count) <= 0.05 * count:
             break
-        voxel *= float(np.sqrt(occupied / count))
+        voxel = max(voxel * float(np.sqrt(occupied / count)), 1e-4 * extent)
     return voxel

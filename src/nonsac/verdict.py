@@ -26,11 +26,13 @@ def judge_rows(problem: Problem, model: Array, rows: Array, threshold: float, te
     The chance level is measured on the same rows with their pairing shuffled: the marginal distributions stay, the
     matches are gone. The number of inliers beyond a minimal sample, under a binomial law with that rate and
     corrected for the number of models that were compared (Bonferroni), gives the probability that data without
-    any matches would have produced such an answer. The confidence is one minus it.
+    any matches would have produced such an answer; below one in a million it is trusted. Inliers that share a point
+    count once, because they are no independent evidence. The confidence is 0.5 at that bound and approaches 1 with
+    the logarithm of the probability; it orders answers, and is not calibrated yet.
     """
     inliers = problem.residuals(model[None], rows)[0] < threshold
     trials = len(rows) - problem.minimal_size
-    beyond = int(inliers.sum()) - problem.minimal_size
+    beyond = _distinct_count(problem, rows[inliers]) - problem.minimal_size
     if beyond <= 0:
         return Verdict(Status.LOW_SUPPORT, 0.0)
     if not problem.determined(model, rows[inliers], threshold):
@@ -38,7 +40,14 @@ def judge_rows(problem: Problem, model: Array, rows: Array, threshold: float, te
     rate = chance_rate(problem, model, rows, threshold)
     tail = float(betainc(beyond, trials - beyond + 1, rate))  # of the binomial law: P(X >= beyond)
     chance = min(1.0, tail * max(tested, 1))
-    return Verdict(Status.OK if chance < _LARGEST_CHANCE else Status.LOW_SUPPORT, 1.0 - chance)
+    confidence = 1.0 - float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE)))
+    return Verdict(Status.OK if chance < _LARGEST_CHANCE else Status.LOW_SUPPORT, confidence)
+
+
+def _distinct_count(problem: Problem, rows: Array) -> int:
+    """Rows that do not share a point with another one, in either half."""
+    halves = (rows[:, : problem.split], rows[:, problem.split :])
+    return min(len(np.unique(half, axis=0)) for half in halves)
 
 
 def chance_rate(problem: Problem, model: Array, rows: Array, threshold: float) -> float:
@@ -55,7 +64,7 @@ def chance_rate(problem: Problem, model: Array, rows: Array, threshold: float) -
     return (hits + 0.5) / (repeats * n + 1)
 
 
-def judge_overlap(support: int, others: np.ndarray, total: int) -> Verdict:
+def judge_overlap(support: int, others: np.ndarray, total: int, surfaces: bool = True) -> Verdict:
     """Do enough points of two raw clouds coincide, and do clearly fewer coincide under any other answer?
 
     An answer is trusted where at least a tenth of the points support it, and the best clearly different answer has
@@ -71,9 +80,11 @@ def judge_overlap(support: int, others: np.ndarray, total: int) -> Verdict:
         The same for clearly different answers, best first.
     total : int
         Points of both clouds.
+    surfaces : bool
+        Whether both clouds are surfaces at all; if not, their normals and this comparison mean nothing.
     """
     share = support / total
-    if share < 0.1:
+    if share < 0.1 or not surfaces:
         return Verdict(Status.LOW_SUPPORT, 0.0)
     runner_up = float(others[0]) / support if len(others) else 0.0
     allowed = 0.85 - 4.0 * max(0.0, 0.22 - share)

@@ -71,10 +71,11 @@ def test_every_pair_of_a_planted_motion_is_found_whatever_the_signs(rng):
     assert far <= set(find(rows)[1])
 
 
-def test_too_little_room_keeps_the_first_pairs_and_tells_how_many_there_are(rng):
+def test_the_search_ends_when_there_is_no_more_room(rng):
     rows = planted(rng, 30, naive.random_model(rng))
     count, every = find(rows)
-    assert find(rows, room=10) == (count, every[:10])
+    assert count > 10
+    assert find(rows, room=10) == (10, every[:10])
 
 
 def test_no_pair_among_one_row(rng):

@@ -55,6 +55,7 @@ class OrientedPairs:
     def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
         if not isinstance(problem, OrientedRegistration):
             raise TypeError(f"OrientedPairs needs the problem OrientedRegistration, got {type(problem).__name__}")
+        rows = rng.permutation(rows)  # the search may end early, and must not favour one side of the cloud
         motions = problem.solve_minimal(rows[self._pairs(problem, rows)])
         if not len(motions):
             size = len(self.overlap.source.coarse) + len(self.overlap.target.coarse)
@@ -75,5 +76,4 @@ class OrientedPairs:
         columns = np.ascontiguousarray(rows.T, np.float32)
         pairs = np.empty((self.max_pairs, 2), np.int32)
         tolerance, angle, smallest = (np.float32(x) for x in (self.tolerance, problem.angle, self.smallest_distance))
-        count = consistent_pairs(columns, tolerance, angle, smallest, pairs)
-        return pairs[: min(count, len(pairs))]
+        return pairs[: consistent_pairs(columns, tolerance, angle, smallest, pairs)]

@@ -29,12 +29,12 @@ def consistent_pairs(columns, tolerance, angle, smallest_distance, pairs):
     smallest_distance : float32
         Shorter chords are left out: they do not determine a rotation.
     pairs : (P, 2) int32
-        Receives the row numbers of the first P pairs.
+        Receives the row numbers of the pairs; the search ends when it is full.
 
     Returns
     -------
     int
-        How many pairs there are; more than P where `pairs` was too small.
+        How many pairs were found, at most P.
     """
     n = columns.shape[1]
     squared_tolerance = tolerance * tolerance
@@ -86,9 +86,10 @@ def consistent_pairs(columns, tolerance, angle, smallest_distance, pairs):
                 if words[word] != 0:
                     for j in range(max(first, 8 * word), min(width, 8 * word + 8)):
                         if flags[j] != 0:
-                            if count < pairs.shape[0]:
-                                pairs[count, 0], pairs[count, 1] = i, start + j
+                            pairs[count, 0], pairs[count, 1] = i, start + j
                             count += 1
+                            if count == pairs.shape[0]:
+                                return count
     return count
 
 

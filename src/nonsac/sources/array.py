@@ -12,6 +12,8 @@ class ArraySource:
     """Rows of a (n, D) array of any real dtype and memory order; the array is neither copied nor converted whole."""
 
     def __init__(self, rows: ArrayLike) -> None:
+        if np.ma.isMaskedArray(rows):
+            raise TypeError("rows must not be a masked array; pass rows.filled(numpy.nan) to have masked rows dropped")
         self.rows = np.asanyarray(rows)
         if self.rows.ndim != 2:
             raise ValueError(f"rows must be a (n, D) array, got shape {self.rows.shape}")
