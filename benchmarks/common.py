@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -130,12 +131,27 @@ def write(path: Path, benchmark: str, **content: Any) -> None:
         "benchmark": benchmark,
         "command": " ".join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *map(_without_folders, sys.argv[1:])]),
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "commit": _COMMIT,
         "machine": machine(),
         "versions": {"python": platform.python_version()} | {name: _version(name) for name in _PACKAGES},
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(head | content, indent=1) + "\n")
     say(f"wrote {path.name}")
+
+
+def commit() -> str:
+    """The commit that was measured, with a plus where the sources differed from it."""
+    return _git("rev-parse", "--short", "HEAD") + ("+" if _git("status", "--porcelain", "src") else "")
+
+
+def _git(*arguments: str) -> str:
+    found = subprocess.run(["git", *arguments], cwd=RESULTS.parents[1], capture_output=True, text=True, check=False)
+    return found.stdout.strip()
+
+
+# Asked at the start: the sources may be edited while a long benchmark runs.
+_COMMIT = commit()
 
 
 def machine() -> dict[str, Any]:

@@ -57,8 +57,7 @@ def main() -> None:
 def body() -> str:
     writers: dict[str, Callable[[Row], str]] = {"clouds": clouds, "pairs": pairs_section, "kernels": kernels}
     files = [json.loads(path.read_text()) for path in sorted(RESULTS.glob("*.json"))]
-    ordered = sorted(files, key=lambda file: list(writers).index(file["benchmark"]))
-    return "\n".join(writers[file["benchmark"]](file) for file in ordered)
+    return "\n".join(write(file) for name, write in writers.items() for file in files if file.get("benchmark") == name)
 
 
 def clouds(file: Row) -> str:
@@ -91,8 +90,8 @@ def pairs_section(file: Row) -> str:
     rows = file["results"]
     header = ["outliers", "method", "mAA(1..10)", "right", "false claims", "silent", "time", "memory"]
     intro = (
-        f"## Given pairs\n\n{settings['rows']:,} pairs in a unit cube, standard deviation {settings['noise']:g}; right is "
-        f"within {settings['right_degrees']:g}°.\n"
+        f"## Given pairs\n\n{settings['rows']:,} pairs in a unit cube, standard deviation {settings['noise']:g}; right "
+        f"is within {settings['right_degrees']:g}°.\n"
     )
     lines = [pair_line(row) for row in rows]
     ratios = {row["outlier_ratio"]: f"{row['outlier_ratio']:.1%}" for row in rows}
@@ -118,7 +117,7 @@ def kernels(file: Row) -> str:
         ["distance consistency, a pair of rows", f"{results['consistency_ns_per_pair']:.2f} ns"],
         ["a moved point looked up in the grid of nearest points", f"{results['score_models_ns_per_lookup']:.2f} ns"],
         [
-            "motions made, scored and ranked by one sample",
+            "motions made, scored and ranked in one sample",
             f"{results['motions_per_second'] / 1e6:.2f} million a second",
         ],
     ]
@@ -150,7 +149,7 @@ def advantages(row: Row, ours: Row) -> Iterable[str]:
     if milliseconds_of(row) < milliseconds_of(ours):
         yield f"is faster ({seconds(milliseconds_of(row) / 1e3)} against {seconds(milliseconds_of(ours) / 1e3)})"
     error, our_error = (r.get("median_degrees_of_right") for r in (row, ours))
-    if error is not None and our_error is not None and error < our_error:
+    if error is not None and our_error is not None and error < our_error and degrees(error) != degrees(our_error):
         yield f"has a smaller median error where it is right ({degrees(error)} against {degrees(our_error)})"
 
 
@@ -171,7 +170,7 @@ def origin(file: Row) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in file["versions"].items() if number)
     return (
         f"<sub>{file['date']}; {machine['processor']}, {machine['cores']} cores, {machine['memory_gb']} GB, "
-        f"{machine['system']}; {versions}; `{file['command']}`</sub>\n"
+        f"{machine['system']}; {versions}; commit {file['commit']}; `{file['command']}`</sub>\n"
     )
 
 

@@ -32,7 +32,10 @@ def sample_rows(rows: int, sample: int, samples: int, sample_size: int, seed: in
 
 def union_rows(rows: int, count: int, samples: int, sample_size: int, seed: int) -> Indices:
     """Row numbers that the first `count` of the samples hold together, each once, sorted."""
-    if samples * sample_size <= rows:
+    disjoint = samples * sample_size <= rows
+    if sample_size >= rows or (disjoint and count * sample_size == rows):
+        return np.arange(rows, dtype=np.int64)
+    if disjoint:
         return np.sort(permutation(rows, 0, count * sample_size, seed))
     return np.unique(np.concatenate([sample_rows(rows, i, samples, sample_size, seed) for i in range(count)]))
 
