@@ -67,7 +67,7 @@ def chance_rate(problem: Problem, model: Array, rows: Array, threshold: float) -
 def judge_overlap(support: int, others: np.ndarray, total: int, surfaces: bool = True) -> Verdict:
     """Do enough points of two raw clouds coincide, and do clearly fewer coincide under any other answer?
 
-    An answer is trusted where at least a tenth of the points support it, and the best clearly different answer has
+    An answer is trusted where at least 15 % of the points support it, and the best clearly different answer has
     less than 0.85 of its support; less is allowed below a share of 0.22, where even unrelated clouds may meet. The
     bounds lie between right and wrong answers on real scans (`docs/verdict.md`). The confidence falls from 1 without
     any other answer to 0.5 at the bound; it orders answers, and is not calibrated yet.
@@ -84,7 +84,7 @@ def judge_overlap(support: int, others: np.ndarray, total: int, surfaces: bool =
         Whether both clouds are surfaces at all; if not, their normals and this comparison mean nothing.
     """
     share = support / total
-    if share < 0.1 or not surfaces:
+    if share < 0.15 or not surfaces:
         return Verdict(Status.LOW_SUPPORT, 0.0)
     runner_up = float(others[0]) / support if len(others) else 0.0
     allowed = 0.85 - 4.0 * max(0.0, 0.22 - share)
