@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from nonsac import plot
+from nonsac.plot import box_plots, figures, point_clouds
 
 pytest.importorskip("matplotlib")
 
@@ -39,7 +40,7 @@ def two_clouds(n=400, offset=0.0):
 @pytest.fixture
 def small(monkeypatch):
     """Pictures of a third of the size, for speed."""
-    monkeypatch.setattr(plot, "_DPI", 50)
+    monkeypatch.setattr(figures, "_DPI", 50)
 
 
 def rows(path):
@@ -118,7 +119,7 @@ def test_clouds_in_one_plane_or_one_point(tmp_path, small):
 def test_clouds_thins_and_leaves_out_what_is_not_finite():
     cloud = np.random.default_rng(0).random((70_000, 3)).astype(np.float32)
     cloud[::2] = np.nan
-    drawn = plot._thin("source", cloud)
+    drawn = point_clouds._thin("source", cloud)
     assert drawn.shape == (8000, 3)
     assert drawn.dtype == np.float64
     assert np.isfinite(drawn).all()
@@ -170,7 +171,7 @@ def test_boxplot_names_and_numbers_the_rules(tmp_path):
 
 
 def test_a_failed_trial_is_drawn_as_the_worst_and_a_perfect_one_as_the_best():
-    np.testing.assert_array_equal(plot._drawable_angles(np.array([np.nan, 0.0, 5.0, 180.0])), [180, 0.01, 5, 180])
+    np.testing.assert_array_equal(box_plots._drawable_angles(np.array([np.nan, 0.0, 5.0, 180.0])), [180, 0.01, 5, 180])
 
 
 @pytest.mark.parametrize(
@@ -190,7 +191,7 @@ def test_boxplot_refuses(tmp_path, errors, times, paper, message):
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")])
 def test_render_gives_the_same_bytes_each_time(suffix, magic):
     def content():
-        figure = plot._figure(2.0, 1.0)
+        figure = figures.new_figure(2.0, 1.0)
         figure.add_axes((0.2, 0.2, 0.7, 0.7)).plot([0, 1], [1, 0])
         return plot.render(figure, suffix)
 
@@ -201,13 +202,16 @@ def test_render_gives_the_same_bytes_each_time(suffix, magic):
 
 def test_render_refuses_other_suffixes():
     with pytest.raises(ValueError, match=r"^suffix is '.gif'; expected"):
-        plot.render(plot._figure(1.0, 1.0), ".gif")
+        plot.render(figures.new_figure(1.0, 1.0), ".gif")
 
 
 def test_import_is_cheap_and_pictures_need_no_display(tmp_path):
     script = (
         "import sys; from nonsac import plot; assert 'matplotlib' not in sys.modules; "
-        "plot.boxplot(sys.argv[1], {'a': [1.0]}, {'b': [1.0]}); assert 'matplotlib.pyplot' not in sys.modules"
+        "plot.boxplot(sys.argv[1], {'a': [1.0]}, {'b': [1.0]}); "
+        "plot.two_views(sys.argv[1], [[1, 2]], [[3, 4]], [True], [[0, 0, 1]] * 3, image1=[[0, 1], [2, 3]]); "
+        "plot.reprojections(sys.argv[1], [[1, 2]], [[3, 4]], [True]); "
+        "assert 'matplotlib.pyplot' not in sys.modules"
     )
     path = tmp_path / "a.png"
     subprocess.run([sys.executable, "-W", "error", "-c", script, str(path)], check=True, env=headless())

@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from scipy.stats import kstest
+from scipy.stats import ks_2samp, kstest
 
 from nonsac import simulate
-from nonsac.simulate import cloud_pair, demo_scans, random_rotation, registration
+from nonsac.simulate import absolute_pose, cloud_pair, demo_scans, random_rotation, registration, relative_pose
 
 
 def move(T, points):
@@ -34,8 +34,10 @@ makers = pytest.mark.parametrize(
         lambda rng: registration(50, 0.4, 0.01, rng),
         lambda rng: cloud_pair(a_cloud(), rng, points=40),
         lambda rng: demo_scans(rng, points=60),
+        lambda rng: relative_pose(50, 0.4, 0.01, rng),
+        lambda rng: absolute_pose(50, 0.4, 0.01, rng),
     ],
-    ids=["registration", "cloud_pair", "demo_scans"],
+    ids=["registration", "cloud_pair", "demo_scans", "relative_pose", "absolute_pose"],
 )
 
 
@@ -43,8 +45,9 @@ makers = pytest.mark.parametrize(
 def test_a_seed_gives_the_same_data_and_another_seed_others(make):
     data, rng = make(7), np.random.default_rng(7)
     assert_same(data, make(rng))
-    assert not np.array_equal(data.source, make(8).source)
-    assert not np.array_equal(data.source, make(rng).source)  # the generator has moved on
+    for other in (make(8), make(rng)):  # the generator has moved on
+        for name in {field.name for field in dataclasses.fields(data)} - {"overlap", "T"}:
+            assert not np.array_equal(getattr(data, name), getattr(other, name))
 
 
 @makers
@@ -122,6 +125,159 @@ def test_registration_counts_outliers(ratio, expected):
 def test_registration_refuses(arguments, name):
     with pytest.raises(ValueError, match=rf"^{name} is .*expected"):
         registration(*arguments)
+
+
+def project(points):
+    return points[:, :2] / points[:, 2:]
+
+
+def epipolar_errors(data):
+    """x2' [t] R x1 of each match."""
+    first, second = (np.column_stack([points, np.ones(len(points))]) for points in (data.points1, data.points2))
+    return (second * np.cross(data.T[:3, 3], first @ data.T[:3, :3].T)).sum(axis=1)
+
+
+def triangulate(data):
+    """Depths in the first and the second camera, from d2 x2 = d1 R x1 + t."""
+    first, second = (np.column_stack([points, np.ones(len(points))]) for points in (data.points1, data.points2))
+    systems = np.stack([second, -first @ data.T[:3, :3].T], axis=2)
+    depths = np.array([np.linalg.lstsq(system, data.T[:3, 3])[0] for system in systems])
+    return depths[:, 1], depths[:, 0]
+
+
+both = pytest.mark.parametrize("make", [relative_pose, absolute_pose])
+
+
+@pytest.mark.parametrize("n", [1, 100_000])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_relative_pose_matches_obey_the_epipolar_constraint(n, seed):
+    data = relative_pose(n, 0.0, 0.0, seed)
+    assert data.points1.shape == data.points2.shape == (n, 2)
+    assert data.inliers.all()
+    assert_rigid(data.T)
+    assert np.linalg.norm(data.T[:3, 3]) == pytest.approx(1.0)
+    assert np.abs(epipolar_errors(data)).max() < 1e-12
+    assert max(np.abs(data.points1).max(), np.abs(data.points2).max()) <= 1.0
+
+
+def test_relative_pose_points_are_in_front_of_both_cameras():
+    for seed in range(10):
+        first, second = triangulate(relative_pose(200, 0.0, 0.0, seed))
+        assert 0.1 - 1e-6 < first.min() < first.max() < 10 + 1e-6
+        assert second.min() > 0.1 - 1e-6
+
+
+@pytest.mark.parametrize("n", [1, 100_000])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_absolute_pose_projects_the_points(n, seed):
+    data = absolute_pose(n, 0.0, 0.0, seed)
+    assert data.points2d.shape == (n, 2)
+    assert data.points3d.shape == (n, 3)
+    assert data.inliers.all()
+    assert_rigid(data.T)
+    assert np.linalg.norm(data.T[:3, :3].T @ data.T[:3, 3]) == pytest.approx(1.0)
+    camera = move(data.T, data.points3d)
+    np.testing.assert_allclose(project(camera), data.points2d, atol=1e-12)
+    assert camera[:, 2].min() > 0.1
+    assert np.abs(data.points2d).max() <= 1.0
+    # The frame of the world is the first camera, which sees the points, too.
+    assert 0.1 <= data.points3d[:, 2].min() <= data.points3d[:, 2].max() <= 10
+    assert np.abs(project(data.points3d)).max() <= 1.0 + 1e-12
+
+
+def test_both_cameras_see_the_same_scene_for_one_seed():
+    pair, single = relative_pose(300, 0.3, 0.0, 5), absolute_pose(300, 0.3, 0.0, 5)
+    np.testing.assert_array_equal(pair.T, single.T)
+    np.testing.assert_array_equal(pair.T, relative_pose(7, 0.0, 1.0, 5).T)
+    np.testing.assert_allclose(project(single.points3d)[pair.inliers], pair.points1[pair.inliers])
+
+
+def test_points_are_uniform_where_both_cameras_see_them():
+    """Rejection leaves a uniform density: compare with all of the first camera's view, as far as it is shared."""
+    data = absolute_pose(4000, 0.0, 0.0, 3)
+    rng = np.random.default_rng(0)
+    depths = rng.uniform(0.1, 10, (40_000, 1))
+    view = np.hstack([rng.uniform(-1, 1, (40_000, 2)) * depths, depths])
+    camera = move(data.T, view)
+    shared = view[(camera[:, 2] > 0.1) & (np.abs(camera[:, :2]).max(axis=1) <= camera[:, 2])]
+    assert len(shared) > 0.2 * len(view)
+    ours, theirs = (np.column_stack([project(points), points[:, 2]]) for points in (data.points3d, shared))
+    assert all(ks_2samp(ours[:, k], theirs[:, k]).pvalue > 1e-3 for k in range(3))
+
+
+def test_poses_vary_as_much_as_they_may():
+    poses = np.array([relative_pose(1, 0.0, 0.0, seed).T for seed in range(600)])
+    angles = np.degrees(np.arccos(np.clip((np.trace(poses[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1, 1)))
+    assert angles.min() < 20
+    assert 80 < np.median(angles) < 120
+    assert angles.max() > 175
+    axes = np.degrees(np.arccos(poses[:, 2, 2]))
+    assert axes.min() < 10
+    assert 75 < axes.max() < 110
+    rolls = np.arctan2(poses[:, 1, 0] - poses[:, 0, 1], poses[:, 0, 0] + poses[:, 1, 1])
+    assert kstest(rolls, "uniform", (-np.pi, 2 * np.pi)).pvalue > 1e-3
+    centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
+    np.testing.assert_allclose(np.linalg.norm(centres, axis=1), 1.0)
+    assert (centres.min(axis=0) < -0.9).all()
+    assert (centres.max(axis=0) > 0.9).all()
+
+
+def test_every_pose_shows_a_fifth_of_the_first_view():
+    rng = np.random.default_rng(0)
+    depths = rng.uniform(0.1, 10, (5000, 1))
+    view = np.hstack([rng.uniform(-1, 1, (5000, 2)) * depths, depths])
+    shares = []
+    for seed in range(100):
+        camera = move(relative_pose(1, 0.0, 0.0, seed).T, view)
+        shares.append(((camera[:, 2] > 0.1) & (np.abs(camera[:, :2]).max(axis=1) <= camera[:, 2])).mean())
+    assert 0.17 < min(shares) < 0.25
+    assert max(shares) > 0.7
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.02])
+def test_noise_is_on_the_image_points(noise):
+    clean, noisy = (relative_pose(6000, 0.25, level, 3) for level in (0.0, noise))
+    np.testing.assert_array_equal(clean.inliers, noisy.inliers)
+    for name in ("points1", "points2"):
+        residuals = (getattr(noisy, name) - getattr(clean, name))[noisy.inliers] / noise
+        assert kstest(residuals.ravel(), "norm").pvalue > 1e-3
+    clean, noisy = (absolute_pose(6000, 0.25, level, 3) for level in (0.0, noise))
+    np.testing.assert_array_equal(clean.points3d, noisy.points3d)
+    residuals = (noisy.points2d - project(move(noisy.T, noisy.points3d)))[noisy.inliers] / noise
+    assert kstest(residuals.ravel(), "norm").pvalue > 1e-3
+
+
+def test_outliers_are_uniform_in_the_images():
+    pair, single = relative_pose(5000, 0.8, 0.01, 6), absolute_pose(5000, 0.8, 0.01, 6)
+    for points in (pair.points1[~pair.inliers], pair.points2[~pair.inliers], single.points2d[~single.inliers]):
+        assert points.shape == (4000, 2)
+        assert all(kstest(points[:, k], "uniform", (-1, 2)).pvalue > 1e-3 for k in range(2))
+    assert abs(np.corrcoef(pair.points1[~pair.inliers].T, pair.points2[~pair.inliers].T)[:2, 2:]).max() < 0.06
+
+
+@both
+@pytest.mark.parametrize(("ratio", "expected"), [(0.0, 200), (1.0, 0), (0.995, 1), (0.63, 74)])
+def test_poses_count_outliers_in_random_rows(make, ratio, expected):
+    assert make(200, ratio, 0.0, 0).inliers.sum() == expected
+    assert 430 < make(2000, 0.5, 0.0, 2).inliers[:1000].sum() < 570
+
+
+@both
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ((0, 0.5, 0.01, 0), "n"),
+        ((10.5, 0.5, 0.01, 0), "n"),
+        ((True, 0.5, 0.01, 0), "n"),
+        ((10, -0.1, 0.01, 0), "outlier_ratio"),
+        ((10, np.nan, 0.01, 0), "outlier_ratio"),
+        ((10, 0.5, -1.0, 0), "noise"),
+        ((10, 0.5, np.inf, 0), "noise"),
+    ],
+)
+def test_poses_refuse(make, arguments, name):
+    with pytest.raises(ValueError, match=rf"^{name} is .*expected"):
+        make(*arguments)
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.25, 0.5, 1.0])

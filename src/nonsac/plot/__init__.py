@@ -1,0 +1,17 @@
+"""Pictures of results. They need matplotlib, but no display: all is drawn into memory, then written."""
+
+from nonsac.plot.box_plots import boxplot
+from nonsac.plot.figures import picture_suffix, render
+from nonsac.plot.images import epipolar_lines, matches, reprojections, two_views
+from nonsac.plot.point_clouds import clouds
+
+__all__ = [
+    "boxplot",
+    "clouds",
+    "epipolar_lines",
+    "matches",
+    "picture_suffix",
+    "render",
+    "reprojections",
+    "two_views",
+]
