@@ -1,6 +1,8 @@
 """Read NumPy files, and check the shape and type of arrays."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
 
@@ -22,6 +24,53 @@ def load_npy(path: FilePath) -> NDArray[Any]:
     content = read_content(path, "NumPy array")
     array: NDArray[Any] = _load(path, lambda: np.load(BytesIO(content), allow_pickle=False))
     return array
+
+
+@dataclass(frozen=True)
+class Archive:
+    """An open NPZ file, whose arrays are loaded one by one, never unpickling anything.
+
+    Attributes
+    ----------
+    path
+        The file.
+    names
+        The keys of its arrays.
+    members
+        What NumPy made of the file.
+    """
+
+    path: FilePath
+    names: tuple[str, ...]
+    members: Mapping[str, Any]
+
+    def load(self, name: str) -> NDArray[Any]:
+        """Load an array by its key."""
+        # What is no NPY file within the archive comes as bytes.
+        return np.asarray(_load(self.path, lambda: self.members[name]))
+
+    def load_only(self, widths: Sequence[int], fix: str) -> NDArray[np.float64]:
+        """Load the only array of shape (n, width) for one of the widths; `fix` ends the message if it is not one."""
+        arrays = [self.load(name) for name in self.names]
+        fitting = [array for array in arrays if array.ndim == 2 and array.shape[1] in widths]
+        if len(fitting) != 1:
+            problem = f"cannot tell which array to use (its keys are: {', '.join(self.names) or 'none'})"
+            raise input_error(self.path, problem, fix)
+        return as_rows(self.path, fitting[0], fitting[0].shape[1])
+
+
+@contextmanager
+def open_npz(path: FilePath) -> Iterator[Archive]:
+    """Open an NPZ file, to load arrays from it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no NPZ file or is damaged; on loading, also if it holds pickled objects.
+    """
+    content = read_content(path, "NumPy archive")
+    with _load(path, lambda: np.load(BytesIO(content), allow_pickle=False)) as members:
+        yield Archive(path, tuple(members), members)
 
 
 def load_npz(path: FilePath, wanted: Sequence[tuple[str, ...]], width: int) -> list[NDArray[np.float64]]:
@@ -47,19 +96,12 @@ def load_npz(path: FilePath, wanted: Sequence[tuple[str, ...]], width: int) -> l
         If the file cannot be read, is no NPZ file, is damaged, holds pickled objects under these names, or
         nothing fits.
     """
-    content = read_content(path, "NumPy archive")
-    with _load(path, lambda: np.load(BytesIO(content), allow_pickle=False)) as archive:
+    with open_npz(path) as archive:
         for group in wanted:
-            if all(name in archive for name in group):
-                return [as_rows(path, _load_member(path, archive, name), 3) for name in group]
-        arrays = [_load_member(path, archive, name) for name in archive]
-        names = ", ".join(archive) or "none"
-    fitting = [array for array in arrays if array.shape[1:] == (width,)]
-    if len(fitting) != 1:
-        problem = f"cannot tell which array to use (its keys are: {names})"
+            if all(name in archive.names for name in group):
+                return [as_rows(path, archive.load(name), 3) for name in group]
         groups = " or ".join("/".join(group) for group in wanted)
-        raise input_error(path, problem, f"save it under {groups}")
-    return [as_rows(path, fitting[0], width)]
+        return [archive.load_only([width], f"save it under {groups}")]
 
 
 def as_rows(path: FilePath, array: NDArray[Any], width: int) -> NDArray[np.float64]:
@@ -92,11 +134,6 @@ def as_rows(path: FilePath, array: NDArray[Any], width: int) -> NDArray[np.float
     if array.T.shape[1:] == (width,):
         raise input_error(path, problem, "transpose it before saving, one point per row: points.T")
     raise input_error(path, problem, f"save one point per row, in {width} columns")
-
-
-def _load_member(path: FilePath, archive: Mapping[str, Any], name: str) -> NDArray[Any]:
-    # What is no NPY file within the archive comes as bytes.
-    return np.asarray(_load(path, lambda: archive[name]))
 
 
 def _load(path: FilePath, load: Callable[[], Any]) -> Any:

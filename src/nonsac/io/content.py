@@ -10,6 +10,9 @@ _MARKS = {
     b"PK\x03\x04": "NumPy archive",
     b"PK\x05\x06": "NumPy archive",
     b"LASF": "LAS file",
+    b"PAR1": "Parquet file",
+    b"\x89HDF\r\n\x1a\n": "HDF5 file",
+    b"SQLite format 3\x00": "SQLite database",
     b"\x89PNG": "PNG image",
     b"\xff\xd8\xff": "JPEG image",
     b"%PDF": "PDF document",
@@ -24,6 +27,9 @@ _USUAL_SUFFIX = {
     "PLY file": ".ply",
     "PCD file": ".pcd",
     "text table": ".xyz",
+    "Parquet file": ".parquet",
+    "HDF5 file": ".h5",
+    "SQLite database": ".db",
 }
 _PLY_START = re.compile(rb"ply[ \t]*\r?\n")
 _PCD_START = re.compile(rb"#[ \t]*\.PCD|(?:#[^\n]*\n|\s)*(?:VERSION\s+[.\d]+|FIELDS|COLUMNS)\s")
@@ -39,8 +45,8 @@ def read_content(path: FilePath, kind: str) -> bytes:
     path
         The file to read.
     kind
-        The kind its suffix promises: "PLY file", "PCD file", "NumPy array", "NumPy archive", "LAS file"
-        or "text table".
+        The kind its suffix promises: "PLY file", "PCD file", "NumPy array", "NumPy archive", "LAS file",
+        "Parquet file", "HDF5 file", "SQLite database" or "text table".
 
     Returns
     -------
@@ -52,16 +58,41 @@ def read_content(path: FilePath, kind: str) -> bytes:
     InputError
         If the file cannot be read, is empty or is of another kind.
     """
+    content = read_bytes(path)
+    _check_head(path, content, kind)
+    return content
+
+
+def read_bytes(path: FilePath) -> bytes:
+    """Read a whole file of any kind.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is empty.
+    """
     try:
         content = Path(path).read_bytes()
     except OSError as error:
         raise unreadable(path, error) from error
-    if not content:
-        raise input_error(path, "the file is empty", "write or copy it again")
-    found = content_kind(content)
-    if found != kind:
-        raise input_error(path, f"is not a {kind}, it looks like {_with_article(found)}", _fix_for(found))
-    return content
+    return _not_empty(path, content)
+
+
+def check_kind(path: FilePath, kind: str) -> bytes:
+    """Check a file that a library then reads piece by piece, as `read_content` does, and return its first bytes.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is empty or is of another kind.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            head = file.read(_HEAD_LENGTH)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    _check_head(path, _not_empty(path, head), kind)
+    return head
 
 
 def unreadable(path: FilePath, error: OSError) -> InputError:
@@ -87,8 +118,21 @@ def content_kind(content: bytes) -> str:
     return "unknown binary file" if _NEVER_IN_TEXT.search(content[:_HEAD_LENGTH]) else "text table"
 
 
+def _not_empty(path: FilePath, content: bytes) -> bytes:
+    if not content:
+        raise input_error(path, "the file is empty", "write or copy it again")
+    return content
+
+
+def _check_head(path: FilePath, head: bytes, kind: str) -> None:
+    found = content_kind(head)
+    if found != kind:
+        problem = f"is not {_with_article(kind)}, it looks like {_with_article(found)}"
+        raise input_error(path, problem, _fix_for(found))
+
+
 def _with_article(kind: str) -> str:
-    return f"an {kind}" if kind[0] == "u" else f"a {kind}"
+    return f"an {kind}" if kind.startswith(("u", "HDF5", "SQLite")) else f"a {kind}"
 
 
 def _fix_for(kind: str) -> str:

@@ -1,8 +1,10 @@
 """The error that users see when an input file cannot be used."""
 
+from collections.abc import Sequence
 from os import PathLike
 
 FilePath = str | PathLike[str]
+_NAMES_SHOWN = 4
 
 
 class InputError(ValueError):
@@ -27,3 +29,31 @@ def input_error(path: FilePath, problem: str, fix: str) -> InputError:
         The error, for the caller to raise.
     """
     return InputError(" ".join(f"{path}: {problem}; {fix}".split()))
+
+
+def library_missing(path: FilePath, files: str, library: str, extra: str) -> InputError:
+    """Say which library the reading of such files needs, and how to install it."""
+    return input_error(path, f"reading {files} needs {library}", f'pip install "nonsac[{extra}]"')
+
+
+def not_held(path: FilePath, wanted: str, names: Sequence[str]) -> InputError:
+    """Say that a file does not hold what was asked for by name, and name a few that it holds.
+
+    Parameters
+    ----------
+    path
+        The file.
+    wanted
+        What was asked for, such as ``image 'a.jpg'``.
+    names
+        What it holds instead, in the order of the file.
+
+    Returns
+    -------
+    InputError
+        The error, for the caller to raise.
+    """
+    held = ", ".join(names[:_NAMES_SHOWN]) or "none"
+    if len(names) > _NAMES_SHOWN:
+        held += f" and {len(names) - _NAMES_SHOWN} more"
+    return input_error(path, f"holds no {wanted} (it holds {held})", "check the name")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.io.content import read_content
-from nonsac.io.errors import FilePath, InputError, input_error
+from nonsac.io.errors import FilePath, InputError, input_error, library_missing
 from nonsac.io.records import truncated
 
 
@@ -55,4 +55,4 @@ def _import_laspy(path: FilePath) -> Any:
 
 
 def _laspy_missing(path: FilePath) -> InputError:
-    return input_error(path, "reading LAS and LAZ files needs laspy", 'pip install "nonsac[las]"')
+    return library_missing(path, "LAS and LAZ files", "laspy", "las")

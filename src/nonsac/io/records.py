@@ -17,11 +17,22 @@ def find_axes(path: FilePath, names: Sequence[str]) -> list[int]:
     InputError
         If one of them is missing.
     """
-    missing = [axis for axis in "xyz" if axis not in names]
+    return find_columns(path, names, "xyz", "name the coordinates x, y and z")
+
+
+def find_columns(path: FilePath, names: Sequence[str], wanted: Sequence[str], fix: str) -> list[int]:
+    """Return the positions of the wanted names among names.
+
+    Raises
+    ------
+    InputError
+        If one of them is missing; `fix` ends its message.
+    """
+    missing = [name for name in wanted if name not in names]
     if missing:
         problem = f"the header names no {', '.join(missing)} (it names {', '.join(names) or 'nothing'})"
-        raise input_error(path, problem, "name the coordinates x, y and z")
-    return [names.index(axis) for axis in "xyz"]
+        raise input_error(path, problem, fix)
+    return [names.index(name) for name in wanted]
 
 
 def unpack_columns(

@@ -1,0 +1,265 @@
+"""Read the matches of COLMAP's database.db, and write the geometry of two views into it."""
+
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nonsac.io.colmap_cameras import camera_dict, model_name, pinhole_matrix
+from nonsac.io.content import check_kind
+from nonsac.io.correspondences import Matches, Points
+from nonsac.io.errors import FilePath, InputError, input_error, not_held
+
+# A constant of COLMAP: there can be no more images than this.
+_MAX_IMAGES = 2147483647
+_CALIBRATED = 2
+_SECONDS_TO_WAIT = 5.0
+_WAL = b"\x02\x02"
+_Image = str | int
+
+
+def read_colmap_pair(path: FilePath, image1: _Image, image2: _Image) -> Matches:
+    """Read the matches between two images of a COLMAP database, before COLMAP's own geometric verification.
+
+    Parameters
+    ----------
+    path
+        The database, usually database.db. It is not changed, and COLMAP may have it open.
+    image1, image2
+        Names or numbers of the images, in either order.
+
+    Returns
+    -------
+    Matches
+        The matches with the cameras, as dicts, and with the indices of the keypoints. As COLMAP has it, the centre
+        of the top-left pixel is (0.5, 0.5), for points and cameras alike. There may be no match, as far as COLMAP
+        found none.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no database of COLMAP, is locked or damaged, does not hold the images or
+        their matches, or has a camera of a model that nonsac does not know.
+    """
+    with _open(path) as database:
+        numbers = _find_pair(path, database, image1, image2)
+        camera1, camera2 = (camera_dict(path, *_read_camera(path, database, number)) for number in numbers)
+        keypoints1, keypoints2 = (_read_keypoints(path, database, number) for number in numbers)
+        indices = _read_matches(path, database, numbers, f"{image1!r} and {image2!r}")
+    if (indices.max(axis=0, initial=-1) >= (len(keypoints1), len(keypoints2))).any():
+        raise _damaged(path, "a match names a keypoint that is not there")
+    return Matches(keypoints1[indices[:, 0]], keypoints2[indices[:, 1]], None, camera1, camera2, indices)
+
+
+def write_two_view_geometry(
+    path: FilePath,
+    image1: _Image,
+    image2: _Image,
+    transform: ArrayLike | tuple[ArrayLike, ArrayLike],
+    matches: ArrayLike,
+) -> None:
+    """Write the relative pose of two images and its inliers into a COLMAP database, in place of what is there.
+
+    COLMAP's mapper then takes them as verified. Its essential matrix follows from the pose; the fundamental matrix
+    from this and the cameras without their distortion, and is left out where one is a fisheye.
+
+    Parameters
+    ----------
+    path
+        The database, usually database.db. The row is written as a whole or not at all.
+    image1, image2
+        Names or numbers of the images.
+    transform
+        Shape (4, 4) or (3, 4), or the rotation and the translation: X2 = R X1 + t, with t not zero. Its length is
+        kept.
+    matches
+        Shape (k, 2), the inliers: which keypoint of `image1` matches which one of `image2`; of `Matches`, the
+        attribute `indices`.
+
+    Raises
+    ------
+    InputError
+        If the pose or the matches do not fit, or the file cannot be written, is no database of COLMAP, is locked or
+        damaged, or does not hold the images.
+    """
+    rotation, translation = _check_pose(path, transform)
+    inliers = _check_inliers(path, matches)
+    with _open(path, write=True) as database:
+        numbers = _find_pair(path, database, image1, image2)
+        for number, column in zip(numbers, inliers.T, strict=True):
+            count = len(_read_keypoints(path, database, number))
+            if len(column) and column.max() >= count:
+                problem = f"a match names keypoint {column.max()} of image {number}, which has {count}"
+                raise input_error(path, problem, "number the keypoints as the database does, from 0")
+        if numbers[0] > numbers[1]:
+            numbers, inliers = numbers[::-1], inliers[:, ::-1]
+            rotation, translation = rotation.T, -rotation.T @ translation
+        cameras = [_read_camera(path, database, number) for number in numbers]
+        _write_row(database, _pair_id(numbers), inliers, _geometry(rotation, translation, cameras))
+
+
+def _find_pair(path: FilePath, database: sqlite3.Connection, image1: _Image, image2: _Image) -> list[int]:
+    numbers = [_find_image(path, database, image) for image in (image1, image2)]
+    if numbers[0] == numbers[1]:
+        raise input_error(path, f"{image1!r} and {image2!r} are the same image", "name two images")
+    return numbers
+
+
+def _find_image(path: FilePath, database: sqlite3.Connection, image: _Image) -> int:
+    column = "name" if isinstance(image, str) else "image_id"
+    wanted = image if isinstance(image, str) else int(image)
+    row = database.execute(f"SELECT image_id FROM images WHERE {column} = ?", (wanted,)).fetchone()
+    if row is None:
+        rows = database.execute(f"SELECT {column} FROM images ORDER BY image_id")
+        raise not_held(path, f"image {image!r}", [str(name) for (name,) in rows])
+    return int(row[0])
+
+
+def _read_camera(path: FilePath, database: sqlite3.Connection, image: int) -> tuple[str, int, int, list[float]]:
+    """Return the model, width, height and parameters of the camera of an image."""
+    row = database.execute(
+        "SELECT model, width, height, params FROM cameras JOIN images USING (camera_id) WHERE image_id = ?", (image,)
+    ).fetchone()
+    if row is None:
+        raise _damaged(path, f"it lacks the camera of image {image}")
+    *numbers, params = row
+    if not all(isinstance(number, int) for number in numbers) or not isinstance(params, bytes) or len(params) % 8:
+        raise _damaged(path, f"the camera of image {image} is not valid")
+    model, width, height = numbers
+    return model_name(path, model), width, height, np.frombuffer(params, "<f8").tolist()
+
+
+def _read_keypoints(path: FilePath, database: sqlite3.Connection, image: int) -> Points:
+    row = database.execute("SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image,)).fetchone()
+    if row is None:
+        raise input_error(path, f"holds no keypoints of image {image}", "extract its features first")
+    # Besides x and y there may be scale and orientation, or an affine shape.
+    return np.array(_unpack(path, row, "<f4", f"the keypoints of image {image}")[:, :2], dtype=np.float64)
+
+
+def _read_matches(path: FilePath, database: sqlite3.Connection, numbers: list[int], names: str) -> NDArray[np.int64]:
+    row = database.execute("SELECT rows, cols, data FROM matches WHERE pair_id = ?", (_pair_id(numbers),)).fetchone()
+    if row is None:
+        raise input_error(path, f"holds no matches of {names}", "match these images first")
+    indices = _unpack(path, row, "<u4", f"the matches of {names}")[:, :2]
+    # The image of the smaller number comes first.
+    return np.array(indices if numbers[0] < numbers[1] else indices[:, ::-1], dtype=np.int64)
+
+
+def _unpack(path: FilePath, row: tuple[Any, Any, Any], kind: str, what: str) -> NDArray[Any]:
+    rows, columns, data = row
+    if not rows:
+        return np.empty((0, 2), kind)
+    valid = isinstance(rows, int) and isinstance(columns, int) and isinstance(data, bytes) and columns >= 2
+    if not valid or rows * columns * np.dtype(kind).itemsize != len(data):
+        raise _damaged(path, f"the size of {what} is wrong")
+    return np.frombuffer(data, kind).reshape(rows, columns)
+
+
+def _pair_id(numbers: Sequence[int]) -> int:
+    return min(numbers) * _MAX_IMAGES + max(numbers)
+
+
+def _check_pose(path: FilePath, transform: ArrayLike | tuple[ArrayLike, ArrayLike]) -> tuple[Points, Points]:
+    if isinstance(transform, tuple) and len(transform) == 2:
+        rotation, translation = (np.asarray(part, dtype=np.float64) for part in transform)
+    else:
+        matrix = np.asarray(transform, dtype=np.float64)
+        if matrix.shape not in ((4, 4), (3, 4)):
+            problem = f"a pose has the shape (4, 4) or (3, 4), this array has the shape {matrix.shape}"
+            raise input_error(path, problem, "give the T of a result")
+        rotation, translation = matrix[:3, :3], matrix[:3, 3]
+    translation = translation.reshape(-1)
+    if rotation.shape != (3, 3) or len(translation) != 3:
+        problem = f"rotation and translation have the shapes {rotation.shape} and {translation.shape}"
+        raise input_error(path, problem, "give the R and t of a result")
+    # A failed result has a T of NaN, which must not pass.
+    if not (np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-6 and np.linalg.det(rotation) > 0):
+        raise input_error(path, "the pose holds no rotation", "write the poses only of results that succeeded")
+    if not (np.isfinite(translation).all() and translation.any()):
+        problem = "the translation is zero or not finite, so that there is no essential matrix"
+        raise input_error(path, problem, "write only poses with a translation")
+    return rotation, translation
+
+
+def _check_inliers(path: FilePath, matches: ArrayLike) -> NDArray[np.int64]:
+    inliers = np.asarray(matches)
+    if inliers.ndim != 2 or inliers.shape[1] != 2 or inliers.dtype.kind not in "iu" or inliers.min(initial=0) < 0:
+        problem = f"the matches are no indices of keypoints of shape (k, 2), but {inliers.dtype} of {inliers.shape}"
+        raise input_error(path, problem, "give the rows of Matches.indices that are inliers")
+    return inliers.astype(np.int64)
+
+
+def _geometry(
+    rotation: Points, translation: Points, cameras: Sequence[tuple[str, int, int, list[float]]]
+) -> dict[str, Any]:
+    """Return what COLMAP stores of a calibrated pair of views, by the names of its columns."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z = translation / np.linalg.norm(translation)
+    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
+    first, second = (pinhole_matrix(model, params) for model, _, _, params in cameras)
+    fundamental = None
+    if first is not None and second is not None:
+        fundamental = np.linalg.inv(second).T @ essential @ np.linalg.inv(first)
+    quaternion = np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
+    matrices = {"F": fundamental, "E": essential, "qvec": quaternion, "tvec": translation}
+    blobs = {name: None if matrix is None else matrix.astype("<f8").tobytes() for name, matrix in matrices.items()}
+    return {"config": _CALIBRATED, **blobs, "H": None}
+
+
+def _write_row(
+    database: sqlite3.Connection, pair_id: int, inliers: NDArray[np.int64], geometry: dict[str, Any]
+) -> None:
+    data = np.ascontiguousarray(inliers, dtype="<u4").tobytes()
+    row = {"pair_id": pair_id, "rows": len(inliers), "cols": 2, "data": data, **geometry}
+    # Older databases lack qvec and tvec, and some more.
+    there = {name for _, name, *_ in database.execute("PRAGMA table_info(two_view_geometries)")}
+    row = {name: value for name, value in row.items() if name in there or name not in geometry}
+    marks = ", ".join("?" * len(row))
+    statement = f"INSERT OR REPLACE INTO two_view_geometries ({', '.join(row)}) VALUES ({marks})"
+    database.execute(statement, tuple(row.values()))
+
+
+@contextmanager
+def _open(path: FilePath, write: bool = False) -> Iterator[sqlite3.Connection]:
+    """Open a database, for one transaction; what is raised within is undone, and told as an InputError."""
+    head = check_kind(path, "SQLite database")
+    mode = "rw" if write else "ro" + _immutable(path, head)
+    address = f"{Path(path).absolute().as_uri()}?mode={mode}"
+    try:
+        with closing(sqlite3.connect(address, _SECONDS_TO_WAIT, isolation_level=None, uri=True)) as database:
+            database.execute("BEGIN IMMEDIATE" if write else "BEGIN")
+            yield database
+            database.execute("COMMIT")
+    # Numbers too large for SQLite, and names that are no text, are errors of Python's own.
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
+        raise _explain(path, error) from error
+
+
+def _immutable(path: FilePath, head: bytes) -> str:
+    """Return the option that lets SQLite read a database without writing anything beside it, where that is safe."""
+    # In WAL mode, which COLMAP uses, even a reader leaves files beside the database, unless told that nobody else
+    # has it open; then the file with the suffix -wal is missing.
+    alone = head[18:20] == _WAL and not Path(f"{os.fspath(path)}-wal").exists()
+    return "&immutable=1" if alone else ""
+
+
+def _explain(path: FilePath, error: Exception) -> InputError:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        return input_error(path, "the database is locked by another program", "wait until it is done, or close it")
+    if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+        return input_error(path, f"cannot be opened or written ({error})", "check the folder and its free space")
+    if code == sqlite3.SQLITE_ERROR:
+        return input_error(path, f"is no database of COLMAP ({error})", "give the database.db of COLMAP 3 or later")
+    return _damaged(path, str(error))
+
+
+def _damaged(path: FilePath, problem: str) -> InputError:
+    return input_error(path, f"the database is truncated or damaged ({problem})", "copy it again")
