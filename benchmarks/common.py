@@ -22,7 +22,17 @@ import numpy as np
 
 RESULTS = Path(__file__).parent / "results"
 
-_PACKAGES = ("nonsac", "numpy", "scipy", "numba", "open3d", "kiss_matcher", "small_gicp")
+_PACKAGES = (
+    "nonsac",
+    "numpy",
+    "scipy",
+    "numba",
+    "open3d",
+    "kiss_matcher",
+    "small_gicp",
+    "poselib",
+    "opencv-python-headless",
+)
 
 
 @dataclass(frozen=True)

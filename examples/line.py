@@ -1,7 +1,5 @@
 """A problem of your own: a line in the plane, in plain NumPy, through the same pipeline as everything else."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 import nonsac
@@ -42,25 +40,10 @@ class Line:
         return models.reshape(-1, 3, 4)
 
 
-@dataclass(frozen=True)
-class RandomPairs:
-    """The simplest core estimator: many minimal samples, the one with the most inliers wins."""
-
-    tries: int = 500
-
-    def estimate(self, problem, rows, threshold, rng):
-        models = problem.solve_minimal(rows[rng.integers(len(rows), size=(self.tries, problem.minimal_size))])
-        best = models[np.argmax(problem.count_inliers(models, rows, threshold))]
-        return nonsac.Hypothesis(best, problem.residuals(best, rows)[0], threshold, tested=len(models))
-
-    def with_budget(self, factor):
-        return RandomPairs(self.tries * factor)
-
-
 if __name__ == "__main__":
     rng = np.random.default_rng(0)
     points = rng.uniform(-1, 1, (100_000, 2))
     points[:10_000, 1] = 0.5 * points[:10_000, 0] + 0.2 + rng.normal(scale=0.005, size=10_000)
-    result = nonsac.estimate(nonsac.ArraySource(points), Line(), RandomPairs(), noise=0.005)
+    result = nonsac.estimate(nonsac.ArraySource(points), Line(), nonsac.Ransac(500), noise=0.005)
     a, b, c = result.T.ravel()[:3]
     print(f"y = {-a / b:.3f} x + {-c / b:.3f}: {result.status}, {result.num_inliers} of {result.num_rows} rows")

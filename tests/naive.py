@@ -49,6 +49,133 @@ def kabsch(rows, weights, scale=1.0):
     return np.column_stack([scale * R, mean_b - scale * R @ mean_a])
 
 
+# --- cameras ------------------------------------------------------------------------------------------------------
+
+
+def random_pose(rng, degrees=40.0):
+    """A camera pose [R | t] with |t| = 1, turned about a random axis by up to so many degrees."""
+    axis, t = rng.standard_normal((2, 3))
+    R = Rotation.from_rotvec(np.radians(rng.uniform(0.1, 1) * degrees) * axis / np.linalg.norm(axis)).as_matrix()
+    return np.column_stack([R, t / np.linalg.norm(t)])
+
+
+def nudged(rng, model, degrees, direction=False):
+    """A pose turned by so many degrees, and moved by as many radians; with `direction`, |t| = 1 again."""
+    axis, shift = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
+    t = model[:, 3] + np.radians(degrees) * shift
+    R = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix() @ model[:, :3]
+    return np.column_stack([R, t / np.linalg.norm(t) if direction else t])
+
+
+def projected(points):
+    return points[:, :2] / points[:, 2:]
+
+
+def lifted(image, depths):
+    """Points (n, 3) seen at image points (n, 2) in these depths."""
+    return np.column_stack([image, np.ones(len(image))]) * np.asarray(depths).reshape(-1, 1)
+
+
+def scene(rng, n, model, near=2.0, far=8.0):
+    """Points (n, 3) in the frame of the first camera, that both cameras have well in front of them."""
+    points = np.empty((0, 3))
+    while len(points) < n:
+        more = lifted(rng.uniform(-1, 1, (200, 2)), rng.uniform(near, far, 200))
+        x, y, z = moved(model, more).T
+        points = np.vstack([points, more[(z > 0.5) & (np.hypot(x, y) < 2 * z)]])
+    return points[:n]
+
+
+def two_view_rows(rng, n, model, noise=0.0):
+    """Rows x1 y1 x2 y2 that a relative pose explains, disturbed."""
+    points = scene(rng, n, model)
+    rows = np.hstack([projected(points), projected(moved(model, points))])
+    return rows + noise * rng.standard_normal((n, 4))
+
+
+def one_view_rows(rng, n, model, noise=0.0, near=2.0, far=8.0):
+    """Rows u v X Y Z that an absolute pose explains, with noise in the image."""
+    image = rng.uniform(-1, 1, (n, 2))
+    points = (lifted(image, rng.uniform(near, far, n)) - model[:, 3]) @ model[:, :3]
+    return np.hstack([image + noise * rng.standard_normal((n, 2)), points])
+
+
+def fundamental(model, focal1=1.0, focal2=1.0):
+    """[t]x R for image coordinates in pixels."""
+    tx, ty, tz = model[:, 3]
+    essential = np.array([[0, -tz, ty], [tz, 0, -tx], [-ty, tx, 0]]) @ model[:, :3]
+    return np.diag([1 / focal2, 1 / focal2, 1]) @ essential @ np.diag([1 / focal1, 1 / focal1, 1])
+
+
+def signed_sampson(model, rows, focal1=1.0, focal2=1.0):
+    """Epipolar error over the length of its gradient, in pixels (Hartley and Zisserman, eq. 11.9), with its sign."""
+    F, result = fundamental(model, focal1, focal2), []
+    for x, y, u, v in rows * [focal1, focal1, focal2, focal2]:
+        first, second = np.array([x, y, 1]), np.array([u, v, 1])
+        error, slope = second @ F @ first, np.r_[(F @ first)[:2], (F.T @ second)[:2]]
+        result.append(error / np.linalg.norm(slope) if slope.any() else np.inf)
+    return np.array(result)
+
+
+def sampson(model, rows, focal1=1.0, focal2=1.0):
+    return np.abs(signed_sampson(model, rows, focal1, focal2))
+
+
+def image_errors(model, rows, focal=1.0):
+    """Where a camera sees points less where they were seen (n, 2), in pixels; infinite for points not in front."""
+    result = []
+    for row in rows:
+        x, y, depth = model[:, :3] @ row[2:5] + model[:, 3]
+        result.append([focal * (x / depth - row[0]), focal * (y / depth - row[1])] if depth > 0 else [np.inf, np.inf])
+    return np.array(result)
+
+
+def reprojection(model, rows, focal=1.0):
+    return np.array([np.hypot(*error) for error in image_errors(model, rows, focal)])
+
+
+def tukey(r, threshold):
+    """Loss and weight of a residual (Beaton and Tukey 1974), scaled so that they are near r^2 and 1 for small ones."""
+    if not abs(r) < threshold:
+        return threshold**2 / 3, 0.0
+    share = 1 - (r / threshold) ** 2
+    return threshold**2 / 3 * (1 - share**3), share**2
+
+
+def p3p(sample):
+    """All poses of three rows u v X Y Z, by Grunert's quartic (Haralick et al., IJCV 1994, Sec. 3.1): (M, 3, 4)."""
+    rays = lifted(sample[:, :2], 1 / np.linalg.norm(lifted(sample[:, :2], np.ones(3)), axis=1))
+    points = sample[:, 2:]
+    aa, bb, cc = (math.dist(points[i], points[j]) ** 2 for i, j in ((1, 2), (0, 2), (0, 1)))
+    alpha, beta, gamma = rays[1] @ rays[2], rays[0] @ rays[2], rays[0] @ rays[1]  # cosines
+    p, q = (aa - cc) / bb, (aa + cc) / bb
+    quartic = [
+        (p - 1) ** 2 - 4 * cc / bb * alpha**2,
+        4 * (p * (1 - p) * beta - (1 - q) * alpha * gamma + 2 * cc / bb * alpha**2 * beta),
+        2
+        * (
+            p**2
+            - 1
+            + 2 * p**2 * beta**2
+            + 2 * (bb - cc) / bb * alpha**2
+            - 4 * q * alpha * beta * gamma
+            + 2 * (bb - aa) / bb * gamma**2
+        ),
+        4 * (-p * (1 + p) * beta + 2 * aa / bb * gamma**2 * beta - (1 - q) * alpha * gamma),
+        (1 + p) ** 2 - 4 * aa / bb * gamma**2,
+    ]
+    poses = []
+    for root in np.roots(quartic):
+        v = root.real
+        if abs(root.imag) > 1e-6 * abs(root) or v <= 0:
+            continue
+        u = ((p - 1) * v**2 - 2 * p * beta * v + 1 + p) / (2 * (gamma - v * alpha))
+        if u > 0:
+            first = np.sqrt(bb / (1 + v**2 - 2 * v * beta))
+            poses.append(kabsch(np.hstack([points, rays * first * np.array([[1], [u], [v]])]), np.ones(3)))
+    return np.array(poses).reshape(-1, 3, 4)
+
+
 # --- consistency --------------------------------------------------------------------------------------------------
 
 

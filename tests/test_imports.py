@@ -76,6 +76,15 @@ nonsac.register_pairs(frozen, np.asfortranarray(pairs.target), noise=1, samples=
 clouds = nonsac.simulate.demo_scans(0)
 nonsac.register_clouds(clouds.source, clouds.target, samples=2)
 nonsac.register_clouds(np.asfortranarray(clouds.source, np.float32), clouds.target, samples=2)
+matches = nonsac.simulate.relative_pose(3000, 0.5, 0.001, rng=0)
+nonsac.relative_pose(matches.points1, matches.points2, noise=0.001, samples=2)
+nonsac.relative_pose(matches.points1.astype(np.float32), np.asfortranarray(matches.points2), (1, 1, 0, 0), noise=1e-3)
+nonsac.relative_pose(matches.points1, matches.points2, noise=1e-3, weights=np.arange(3000), refine="none")
+points = nonsac.simulate.absolute_pose(3000, 0.5, 0.001, rng=0)
+nonsac.absolute_pose(points.points2d, points.points3d, noise=0.001, samples=2)
+nonsac.absolute_pose(points.points2d.astype(np.float32), points.points3d, (1, 1, 0, 0), noise=1e-3, weights=[1] * 3000)
+nonsac.estimate(nonsac.ArraySource(np.hstack([points.points2d, points.points3d])), nonsac.AbsolutePose(),
+                nonsac.Ransac(500), noise=0.001)
 print(json.dumps({name: [str(s) for s in kernel.signatures] for name, kernel in kernels()}))
 """
 

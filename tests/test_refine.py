@@ -6,7 +6,7 @@ import pytest
 import naive
 from nonsac import refine
 from nonsac.problems import Registration
-from nonsac.refine import AsSelected, Refiner, UnionRefit, by_name, reweighted_fit, truncated_costs
+from nonsac.refine import AsSelected, Refiner, UnionRefit, biweight_costs, by_name, reweighted_fit
 from nonsac.result import Hypothesis, Status
 from nonsac.verdict import judge_rows
 
@@ -31,7 +31,7 @@ def scene(rng):
 
 def refined(refiner, scene, winner):
     _, rows, hypotheses = scene
-    return refiner.refine(Registration(), hypotheses, winner, lambda: rows, THRESHOLD)
+    return refiner.refine(Registration(), hypotheses, winner, lambda at_least=0: rows, THRESHOLD)
 
 
 def test_union_refit_is_the_robust_fit_to_all_rows(scene):
@@ -103,24 +103,46 @@ def shifts(*places):
 def test_a_fit_that_makes_things_worse_is_not_taken():
     rows, hypotheses = shifts(0.01, 0.05)
     problem = WithRefit(lambda start: 1000.0)
-    assert UnionRefit().refine(problem, hypotheses, 0, lambda: rows, THRESHOLD).model[0, 3] == 0.01
+    assert UnionRefit().refine(problem, hypotheses, 0, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.01
 
 
 def test_several_hypotheses_are_fitted_and_the_best_fit_is_taken():
     rows, hypotheses = shifts(0.02, 0.05, 5.0)
     problem = WithRefit(lambda start: 0.0 if start == 0.05 else start)
-    assert UnionRefit().refine(problem, hypotheses, 2, lambda: rows, THRESHOLD).model[0, 3] == 0.0
-    assert UnionRefit(candidates=1).refine(problem, hypotheses, 2, lambda: rows, THRESHOLD).model[0, 3] == 0.02
+    assert UnionRefit().refine(problem, hypotheses, 2, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.0
+    assert (
+        UnionRefit(candidates=1).refine(problem, hypotheses, 2, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.02
+    )
 
 
-def test_truncated_costs_equal_their_definition(scene):
+def test_polishing_fits_the_winner_to_more_rows_than_the_union():
+    rows, hypotheses = shifts(0.01)
+    more = np.vstack([rows, rows + np.array([0.0, 0.01])])
+    asked = []
+
+    def union(at_least=0):
+        asked.append(at_least)
+        return more if at_least else rows
+
+    refinement = UnionRefit(polish_rows=120).refine(naive.Shift(), hypotheses, 0, union, THRESHOLD)
+    assert asked == [0, 120]
+    assert refinement.num_rows == len(rows)
+    np.testing.assert_allclose(refinement.model[0, 3], 0.005, atol=1e-4)
+    np.testing.assert_allclose(
+        UnionRefit().refine(naive.Shift(), hypotheses, 0, union, THRESHOLD).model[0, 3], 0, atol=1e-4
+    )
+
+
+def test_biweight_costs_equal_their_definition(scene):
     _, rows, hypotheses = scene
     models = np.stack([h.model for h in hypotheses])
     expected = [
-        sum(min(r, THRESHOLD) ** 2 for r in naive.residuals(m, rows)) if np.isfinite(m).all() else np.inf
+        sum(1 - (1 - min(r / THRESHOLD, 1) ** 2) ** 3 for r in naive.residuals(m, rows))
+        if np.isfinite(m).all()
+        else np.inf
         for m in models
     ]
-    np.testing.assert_allclose(truncated_costs(Registration(), models, rows, THRESHOLD), expected)
+    np.testing.assert_allclose(biweight_costs(Registration(), models, rows, THRESHOLD), expected)
 
 
 def test_reweighted_fit_is_a_fixed_point_of_tukeys_weights(scene):
@@ -139,12 +161,13 @@ def test_reweighted_fit_without_enough_inliers_leaves_the_model(scene):
 
 @pytest.mark.parametrize("wrong", ["icp", "Union", ""])
 def test_unknown_names_are_refused_and_the_known_ones_listed(wrong):
-    with pytest.raises(ValueError, match='refine must be "union", "none" or a Refiner'):
+    with pytest.raises(ValueError, match='refine must be "union", "polish", "none" or a Refiner'):
         by_name(wrong)
 
 
 def test_names_find_refiners():
     assert by_name("union") == UnionRefit()
+    assert by_name("polish") == UnionRefit(polish_rows=100_000)
     assert by_name("none") == AsSelected()
 
 

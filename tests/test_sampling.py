@@ -128,6 +128,21 @@ def test_the_union_holds_each_row_of_the_first_samples_once(rows, samples, size,
     np.testing.assert_array_equal(union_rows(rows, count, samples, size, 6), np.unique(drawn))
 
 
+def test_the_union_grows_by_further_rows_where_samples_do_not_overlap():
+    small = union_rows(1000, 2, 5, 40, 6)
+    grown = union_rows(1000, 2, 5, 40, 6, at_least=300)
+    assert len(small) == 80
+    assert len(np.unique(grown)) == len(grown) == 300
+    assert set(small) < set(grown)
+    np.testing.assert_array_equal(union_rows(1000, 2, 5, 40, 6, at_least=60), small)
+
+
+@pytest.mark.parametrize("samples", [5, 50])
+def test_a_union_of_more_rows_than_there_are_is_all_of_them(samples):
+    np.testing.assert_array_equal(union_rows(1000, 2, samples, 40, 6, at_least=1000), np.arange(1000))
+    assert len(union_rows(1000, 2, samples, 40, 6, at_least=999)) < 1000
+
+
 def test_drawing_from_a_huge_source_takes_no_time_or_memory(rng):
     assert len(sample_rows(2**62, 3, 1000, 1000, seed=1)) == 1000
 

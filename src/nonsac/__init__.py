@@ -9,41 +9,53 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from nonsac import evaluation, scoring, simulate
     from nonsac.api import register_clouds, register_pairs
-    from nonsac.estimators import OrientedPairs, Pcr99
+    from nonsac.camera import Camera
+    from nonsac.estimators import OrientedPairs, Pcr99, Ransac
     from nonsac.pipeline import estimate
-    from nonsac.problems import OrientedRegistration, Registration
+    from nonsac.poses import absolute_pose, relative_pose
+    from nonsac.problems import AbsolutePose, OrientedRegistration, Registration, RelativePose, Weighted
     from nonsac.result import Alternative, FailedEstimation, Hypothesis, Result, Status
-    from nonsac.sources import AllPairsSource, ArraySource
+    from nonsac.sources import AllPairsSource, ArraySource, JoinedSource
 
 __version__ = version("nonsac")
 
 __all__ = [
+    "AbsolutePose",
     "AllPairsSource",
     "Alternative",
     "ArraySource",
+    "Camera",
     "FailedEstimation",
     "Hypothesis",
+    "JoinedSource",
     "OrientedPairs",
     "OrientedRegistration",
     "Pcr99",
+    "Ransac",
     "Registration",
+    "RelativePose",
     "Result",
     "Status",
+    "Weighted",
+    "absolute_pose",
     "estimate",
     "evaluation",
     "register_clouds",
     "register_pairs",
+    "relative_pose",
     "scoring",
     "simulate",
 ]
 
 _HOMES = {
     "nonsac.api": ("register_clouds", "register_pairs"),
-    "nonsac.estimators": ("OrientedPairs", "Pcr99"),
+    "nonsac.camera": ("Camera",),
+    "nonsac.estimators": ("OrientedPairs", "Pcr99", "Ransac"),
     "nonsac.pipeline": ("estimate",),
-    "nonsac.problems": ("OrientedRegistration", "Registration"),
+    "nonsac.poses": ("absolute_pose", "relative_pose"),
+    "nonsac.problems": ("AbsolutePose", "OrientedRegistration", "Registration", "RelativePose", "Weighted"),
     "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Result", "Status"),
-    "nonsac.sources": ("AllPairsSource", "ArraySource"),
+    "nonsac.sources": ("AllPairsSource", "ArraySource", "JoinedSource"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nonsac.arguments import points_argument, warn_dropped
 from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner, coarse_overlap
 from nonsac.estimators import Estimator, OrientedPairs, Pcr99
 from nonsac.executors import Workers
 from nonsac.pipeline import Stopwatch, estimate
 from nonsac.problems import OrientedRegistration, Registration
 from nonsac.refine import Refiner
-from nonsac.result import Array, Result, Status, failed
+from nonsac.result import VERSION, Array, Result, Status, failed
 from nonsac.sampling import canonical_seed
 from nonsac.scoring import ScoringRule, TruncatedLp
 from nonsac.sources import AllPairsSource, ArraySource
@@ -73,7 +72,7 @@ def register_clouds(
     b, dropped_target = _finite_cloud(target, "target")
     info = {
         "seed": seed,
-        "version": version("nonsac"),
+        "version": VERSION,
         "dropped_source": dropped_source,
         "dropped_target": dropped_target,
     }
@@ -150,7 +149,7 @@ def register_pairs(
     ValueError, TypeError
         Where the arrays are not (n, 3) numbers of equal length, or another argument is out of its range.
     """
-    a, b = _cloud(source, "source"), _cloud(target, "target")
+    a, b = points_argument(source, "source", 3), points_argument(target, "target", 3)
     if len(a) != len(b):
         raise ValueError(
             f"register_pairs needs source[i] to match target[i]; got {len(a)} and {len(b)} rows. "
@@ -160,7 +159,7 @@ def register_pairs(
         estimator = Pcr99() if scale is None else Pcr99.for_pairs()
     rows = np.hstack([a, b])
     dropped = int(len(rows) - np.isfinite(rows).all(axis=1).sum())
-    _warn_dropped(dropped, len(rows), "pairs", stacklevel=3)
+    warn_dropped(dropped, len(rows), "pairs", stacklevel=3)
     result = estimate(
         ArraySource(rows),
         Registration(scale),
@@ -177,32 +176,13 @@ def register_pairs(
     return replace(result, info=result.info | {"dropped": dropped})
 
 
-def _cloud(points: ArrayLike, name: str) -> Array:
-    """The points as a (n, 3) array of their own dtype, or an error that says what is wrong with them."""
-    if np.ma.isMaskedArray(points):
-        points = np.ma.filled(np.ma.asarray(points).astype(np.float64), np.nan)
-    array = np.asarray(points)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must be an array of real numbers (n, 3), got dtype {array.dtype}")
-    if array.ndim == 2 and array.shape[0] == 3 and array.shape[1] > 3:
-        raise ValueError(f"{name} must have one point in each row (n, 3), got {array.shape}: pass {name}.T")
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError(f"{name} must have one point in each row (n, 3), got shape {array.shape}")
-    return array
-
-
 def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:
     """The finite points as float64, and how many were dropped."""
-    array = _cloud(points, name)
+    array = points_argument(points, name, 3)
     finite = np.isfinite(array).all(axis=1)
     dropped = int(len(array) - finite.sum())
-    _warn_dropped(dropped, len(array), f"{name} points", stacklevel=4)
+    warn_dropped(dropped, len(array), f"{name} points", stacklevel=4)
     return np.array(array[finite] if dropped else array, np.float64, order="C"), dropped
-
-
-def _warn_dropped(dropped: int, total: int, what: str, stacklevel: int) -> None:
-    if dropped:
-        warnings.warn(f"dropped {dropped} of {total} {what} with NaN or infinite coordinates", stacklevel=stacklevel)
 
 
 def _unusable(points: Array) -> Status | None:

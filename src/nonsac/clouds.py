@@ -60,6 +60,7 @@ class CommonFrame:
             threshold=result.threshold * self.unit,
             hypotheses=tuple(map(self._restored, result.hypotheses)),
             alternatives=tuple(replace(a, T=self.to_target(a.T[:3])) for a in result.alternatives),
+            evidence=None,
         )
 
     def _restored(self, hypothesis: Hypothesis) -> Hypothesis:

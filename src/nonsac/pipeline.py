@@ -6,7 +6,6 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from numbers import Integral, Real
 from typing import Protocol
 
@@ -18,7 +17,7 @@ from nonsac.estimators import Estimator
 from nonsac.executors import Workers, ordered_map
 from nonsac.problems import Problem
 from nonsac.refine import Refiner
-from nonsac.result import Array, Hypothesis, Result, Status, failed, homogeneous, threshold_of
+from nonsac.result import VERSION, Array, Evidence, Hypothesis, Result, Status, failed, homogeneous, threshold_of
 from nonsac.sampling import canonical_seed, sample_rows, union_rows
 from nonsac.scoring import ScoringRule
 from nonsac.sources import Source
@@ -65,8 +64,9 @@ def estimate(
     rule : str or ScoringRule
         How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object. It decides the answer with
         refine="none"; refiners that compare all hypotheses anew, as "union" does, overrule it.
-    refine : "union", "none" or Refiner
-        "union" rescores all hypotheses on all sampled rows and refits the best; "none" returns the selected one.
+    refine : "union", "polish", "none" or Refiner
+        "union" rescores all hypotheses on all sampled rows and refits the best; "polish" then fits it to at least
+        100,000 rows, or all; "none" returns the selected one.
     stop : callable, optional
         Called as `stop(hypotheses, problem)` after each sample; ends the sampling where it says so.
     workers : None, int or concurrent.futures.Executor
@@ -100,9 +100,10 @@ def estimate(
         budget, estimator = 1, estimator.with_budget(budget)
     clock = Stopwatch()
     task = SampleTask(source, problem, estimator, threshold_of(noise), budget, sample_size, canonical_seed(rng))
-    info = {"seed": task.seed, "version": version("nonsac"), "rule": selector.name, "sample_size": sample_size}
+    info = {"seed": task.seed, "version": VERSION, "rule": selector.name, "sample_size": sample_size}
+    evidence = Evidence(source, problem)
     if len(source) < problem.minimal_size:
-        return failed(Status.TOO_FEW, noise, info | {"samples": 0, "seconds": clock.laps})
+        return failed(Status.TOO_FEW, noise, info | {"samples": 0, "seconds": clock.laps}, evidence=evidence)
 
     hypotheses: list[Hypothesis] = []
     for hypothesis in ordered_map(task, budget, workers):
@@ -119,7 +120,7 @@ def estimate(
     info |= {"samples": len(hypotheses), "dropped_rows": dropped, "seconds": clock.laps}
     union = functools.cache(functools.partial(task.union, len(hypotheses)))
     if not hypotheses[winner].found:
-        return failed(_reason(problem, union(), task.threshold), noise, info, tuple(hypotheses))
+        return failed(_reason(problem, union(), task.threshold), noise, info, tuple(hypotheses), evidence)
     refinement = refiner.refine(problem, hypotheses, winner, union, task.threshold)
     clock.lap("refinement")
     return Result(
@@ -132,7 +133,9 @@ def estimate(
         threshold=task.threshold if refinement.threshold is None else refinement.threshold,
         hypotheses=scoring.scored(hypotheses, scores),
         alternatives=refinement.alternatives,
-        info=info,
+        covariance=refinement.covariance,
+        info=info | {"remarks": refinement.remarks},
+        evidence=evidence,
     )
 
 
@@ -159,9 +162,9 @@ class SampleTask:
         hypothesis = self.estimator.estimate(self.problem, rows, self.threshold, rng)
         return replace(hypothesis, sample=sample, dropped=dropped)
 
-    def union(self, samples: int) -> Array:
-        """The finite rows that the first samples hold together, each once."""
-        indices = union_rows(len(self.source), samples, self.samples, self.sample_size, self.seed)
+    def union(self, samples: int, at_least: int = 0) -> Array:
+        """The finite rows that the first samples hold together, each once, and further ones up to a number."""
+        indices = union_rows(len(self.source), samples, self.samples, self.sample_size, self.seed, at_least)
         rows = self.source.take(indices)
         return rows[np.isfinite(rows).all(axis=1)]
 

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from nonsac.fitting import reweighted_fit
+from nonsac.fitting import biweight_costs, reweighted_fit
 from nonsac.problems import Problem
 from nonsac.result import Alternative, Array, Hypothesis, Status
 from nonsac.verdict import judge_rows
 
-_BLOCK = 8192
 
-# Reads the rows that all samples hold together, each once; only where they are needed.
-Rows = Callable[[], Array]
+class Rows(Protocol):
+    """Reads the rows that all samples hold together, each once, and as many more as are asked for."""
+
+    def __call__(self, at_least: int = 0) -> Array: ...
 
 
 @dataclass(frozen=True)
 class Refinement:
     """The improved model, what supports it, and whether to trust it.
 
-    `noise` and `threshold` are given where the refiner has its own, measured ones.
+    `noise` and `threshold` are given where the refiner has its own, measured ones. `remarks` name special cases of the
+    data, such as "planar".
     """
 
     model: Array
@@ -34,6 +36,8 @@ class Refinement:
     alternatives: tuple[Alternative, ...] = ()
     noise: float | None = None
     threshold: float | None = None
+    covariance: Array | None = None
+    remarks: tuple[str, ...] = ()
 
 
 @runtime_checkable
@@ -59,8 +63,8 @@ class AsSelected:
 class UnionRefit:
     """Score the hypotheses on the union of all samples, fit the best few there, and keep the best fit.
 
-    A hypothesis is thereby compared on rows that it was not fitted to, and the winner is as accurate as all sampled
-    inliers allow, not only those of its own sample.
+    A hypothesis is thereby compared on rows that it was not fitted to. In the end the winner may be fitted to yet more
+    rows, because that is where its accuracy comes from, and costs little.
 
     Parameters
     ----------
@@ -68,31 +72,69 @@ class UnionRefit:
         How many hypotheses are fitted.
     iterations : int
         Reweighted least-squares steps for each, at most.
+    polish_rows : int
+        Rows that the winner is fitted to in the end, at least; all rows where there are fewer.
     """
 
     candidates: int = 4
     iterations: int = 20
+    polish_rows: int = 0
 
     def refine(
         self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
     ) -> Refinement:
         rows = union()
         models = np.stack([h.model for h in hypotheses if h.found])
-        costs = truncated_costs(problem, models, rows, threshold)
+        costs = biweight_costs(problem, models, rows, threshold)
         chosen = models[np.argsort(costs, kind="stable")[: self.candidates]]
         fitted = [reweighted_fit(problem, model, rows, threshold, self.iterations) for model in chosen]
         both = np.concatenate([chosen, np.stack(fitted)])
-        best = both[int(np.argmin(truncated_costs(problem, both, rows, threshold)))]
-        again = reweighted_fit(problem, best, rows, threshold, self.iterations)
-        best = min((again, best), key=lambda model: truncated_costs(problem, model[None], rows, threshold)[0])
+        best = both[int(np.argmin(biweight_costs(problem, both, rows, threshold)))]
+        best = self._best_twin(problem, self._converged(problem, best, rows, threshold), rows, threshold)
+        more = union(self.polish_rows)
+        if len(more) > len(rows):
+            best = self._converged(problem, best, more, threshold)
         return judged(problem, hypotheses, best, rows, threshold)
+
+    def _best_twin(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
+        """The model, or one of those that a special case of the data allows besides, whichever fits best."""
+        if not hasattr(problem, "simpler_models"):
+            return model
+        for _ in range(3):
+            inliers = rows[problem.residuals(model[None], rows)[0] < threshold]
+            if len(inliers) < problem.minimal_size:
+                break
+            twins = [other for simpler in problem.simpler_models(model, inliers, threshold) for other in simpler.others]
+            both = np.stack([model, *(self._converged(problem, twin, rows, threshold) for twin in twins)])
+            best = int(np.argmin(biweight_costs(problem, both, rows, threshold)))
+            if best == 0:
+                break
+            model = both[best]
+        return model
+
+    def _converged(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
+        """The model fitted again, to the rows that are near it now, until that gains nothing."""
+        cost = biweight_costs(problem, model[None], rows, threshold)[0]
+        for _ in range(5):
+            fitted = reweighted_fit(problem, model, rows, threshold, self.iterations)
+            before, cost = cost, biweight_costs(problem, fitted[None], rows, threshold)[0]
+            if not cost < before:
+                break
+            model = fitted
+            if before - cost < 1e-6 * before:
+                break
+        return model
 
 
 def by_name(name: object) -> Refiner:
-    """The refiner with this name: "union" or "none"."""
-    refiners: dict[str, Refiner] = {"union": UnionRefit(), "none": AsSelected()}
+    """The refiner with this name: "union", "polish" or "none"."""
+    refiners: dict[str, Refiner] = {
+        "union": UnionRefit(),
+        "polish": UnionRefit(polish_rows=100_000),
+        "none": AsSelected(),
+    }
     if not isinstance(name, str) or name not in refiners:
-        raise ValueError(f'refine must be "union", "none" or a Refiner, got {name!r}')
+        raise ValueError(f'refine must be "union", "polish", "none" or a Refiner, got {name!r}')
     return refiners[name]
 
 
@@ -102,14 +144,17 @@ def judged(
     """A model with its inliers among `rows` and the verdict on it."""
     tested = sum(h.tested for h in hypotheses)
     verdict = judge_rows(problem, model, rows, threshold, tested)
-    inliers = int((problem.residuals(model[None], rows)[0] < threshold).sum())
-    return Refinement(model, verdict.status, verdict.confidence, inliers, len(rows))
-
-
-def truncated_costs(problem: Problem, models: Array, rows: Array, threshold: float) -> Array:
-    """Sum of min(r^2, threshold^2) over the rows, for each model; infinite for a model of NaN."""
-    costs = np.zeros(len(models))
-    for start in range(0, len(rows), _BLOCK):
-        residuals = problem.residuals(models, rows[start : start + _BLOCK])
-        costs += (np.minimum(residuals, threshold) ** 2).sum(axis=1)
-    return np.where(np.isfinite(costs), costs, np.inf)
+    inliers = rows[problem.residuals(model[None], rows)[0] < threshold]
+    covariance = None
+    if hasattr(problem, "covariance") and verdict.status in (Status.OK, Status.AMBIGUOUS):
+        covariance = problem.covariance(model, inliers, threshold)
+    return Refinement(
+        model,
+        verdict.status,
+        verdict.confidence,
+        len(inliers),
+        len(rows),
+        alternatives=verdict.alternatives,
+        covariance=covariance,
+        remarks=verdict.remarks,
+    )

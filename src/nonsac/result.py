@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+VERSION = version("nonsac")
 
 
 class Status(StrEnum):
@@ -31,7 +35,7 @@ class Status(StrEnum):
 _EXPLANATIONS = {
     Status.OK: "the data support this answer and no clearly different one does as well",
     Status.TOO_FEW: "there are too few distinct rows or points to determine an answer",
-    Status.DEGENERATE: "the data do not determine an answer (identical or collinear points)",
+    Status.DEGENERATE: "the data do not determine an answer (identical or collinear points, or no baseline)",
     Status.LOW_SUPPORT: "no answer is supported by more of the data than chance explains",
     Status.AMBIGUOUS: "clearly different answers fit the data about equally well (see alternatives)",
 }
@@ -96,6 +100,24 @@ class Alternative:
 
 
 @dataclass(frozen=True, eq=False)
+class Evidence:
+    """The rows that a result was estimated from, and the problem that gives their residuals."""
+
+    source: Any
+    problem: Any
+
+    def residuals(self, model: Array, chunk: int = 65_536) -> Array:
+        """Of every row of the source, in its order: (n,); NaN for rows that are not finite."""
+        parts = [np.empty(0)]
+        for rows in self.source.chunks(chunk):
+            finite = np.isfinite(rows).all(axis=1)
+            part = np.full(len(rows), np.nan)
+            part[finite] = self.problem.residuals(model[None], rows[finite])[0]
+            parts.append(part)
+        return np.concatenate(parts)
+
+
+@dataclass(frozen=True, eq=False)
 class Result:
     """The answer, and how far to trust it.
 
@@ -120,8 +142,15 @@ class Result:
         One for each sample, with its score.
     alternatives : tuple of Alternative
         Clearly different answers, best first.
+    covariance : (6, 6) or (5, 5) float64, or None
+        Of an absolute pose: of the rotation vector w in radians, for which R becomes exp([w]x) R, and of t. Of a
+        relative pose: of w and of the direction of t, in the two axes `tangents(t)` of its tangent plane. None where
+        nothing was found, and for registrations.
     info : dict
-        `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, ...
+        `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, `remarks` on special
+        cases such as "planar", ...
+    evidence : Evidence or None
+        Where `residuals` and `inliers` come from; None for raw clouds, which have no rows.
     """
 
     T: Array
@@ -133,7 +162,9 @@ class Result:
     threshold: float
     hypotheses: tuple[Hypothesis, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    covariance: Array | None = None
     info: dict[str, Any] = field(default_factory=dict)
+    evidence: Evidence | None = field(default=None, repr=False)
 
     @property
     def success(self) -> bool:
@@ -165,6 +196,23 @@ class Result:
             raise FailedEstimation(f"{self.status}: {self.status.explanation}")
         return Rotation.from_matrix(self.R)
 
+    @cached_property
+    def residuals(self) -> Array:
+        """Residual of every row of the input for the returned `T`, in input order (n,), in the unit of `threshold`.
+
+        Computed when first asked for, in one pass over all rows. NaN for rows that are not finite, and for all where
+        nothing was found.
+        """
+        if self.evidence is None:
+            raise AttributeError("there are no rows to give residuals of: the data were raw clouds")
+        return self.evidence.residuals(self.T[:3])
+
+    @property
+    def inliers(self) -> NDArray[np.bool_]:
+        """Which rows of the input are inliers of the returned `T`, in input order (n,)."""
+        with np.errstate(invalid="ignore"):
+            return self.residuals < self.threshold
+
     @property
     def inlier_ratio(self) -> float:
         return self.num_inliers / self.num_rows if self.num_rows else 0.0
@@ -193,6 +241,7 @@ class Result:
             "inlier_ratio": self.inlier_ratio,
             "noise": _plain(self.noise),
             "threshold": _plain(self.threshold),
+            "covariance": _plain(self.covariance),
             "alternatives": [{"T": _plain(a.T), "support": _plain(a.support)} for a in self.alternatives],
             "hypotheses": [
                 {
@@ -252,10 +301,17 @@ def homogeneous(model: Array) -> Array:
     return T
 
 
-def failed(status: Status, noise: float, info: dict[str, Any], hypotheses: tuple[Hypothesis, ...] = ()) -> Result:
+def failed(
+    status: Status,
+    noise: float,
+    info: dict[str, Any],
+    hypotheses: tuple[Hypothesis, ...] = (),
+    evidence: Evidence | None = None,
+) -> Result:
     """A result without an answer."""
     nothing = np.full((4, 4), np.nan)
-    return Result(nothing, status, 0.0, 0, 0, float(noise), threshold_of(noise), hypotheses, info=info)
+    threshold = threshold_of(noise)
+    return Result(nothing, status, 0.0, 0, 0, float(noise), threshold, hypotheses, info=info, evidence=evidence)
 
 
 def threshold_of(noise: float) -> float:

@@ -30,13 +30,17 @@ def sample_rows(rows: int, sample: int, samples: int, sample_size: int, seed: in
     return np.sort(permutation(rows, 0, sample_size, seed, stream=sample + 1))
 
 
-def union_rows(rows: int, count: int, samples: int, sample_size: int, seed: int) -> Indices:
-    """Row numbers that the first `count` of the samples hold together, each once, sorted."""
+def union_rows(rows: int, count: int, samples: int, sample_size: int, seed: int, at_least: int = 0) -> Indices:
+    """Row numbers that the first `count` of the samples hold together, each once, and more up to a number; sorted.
+
+    Where the samples overlap, `at_least` adds nothing unless it asks for all rows.
+    """
     disjoint = samples * sample_size <= rows
-    if sample_size >= rows or (disjoint and count * sample_size == rows):
+    wanted = max(count * sample_size, at_least)
+    if sample_size >= rows or at_least >= rows or (disjoint and wanted >= rows):
         return np.arange(rows, dtype=np.int64)
     if disjoint:
-        return np.sort(permutation(rows, 0, count * sample_size, seed))
+        return np.sort(permutation(rows, 0, wanted, seed))
     return np.unique(np.concatenate([sample_rows(rows, i, samples, sample_size, seed) for i in range(count)]))
 
 

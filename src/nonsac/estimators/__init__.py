@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from nonsac.estimators.oriented_pairs import OrientedPairs
 from nonsac.estimators.pcr99 import Pcr99
+from nonsac.estimators.ransac import Ransac
 from nonsac.problems import Problem
 from nonsac.result import Hypothesis
 
-__all__ = ["Estimator", "OrientedPairs", "Pcr99"]
+__all__ = ["Estimator", "OrientedPairs", "Pcr99", "Ransac"]
 
 
 @runtime_checkable

@@ -72,6 +72,7 @@ class Pcr99:
             raise ValueError(f'refit must be "weighted" or "once", got {self.refit!r}')
         if not self.tolerance > 0:
             raise ValueError(f"tolerance must be positive, got {self.tolerance!r}")
+        object.__setattr__(self, "tolerance", float(self.tolerance))  # other types would compile the kernels anew
         if self.enough_inliers is not None and not self.enough_inliers >= 0:
             raise ValueError(f"enough_inliers must be None or a share of the rows, got {self.enough_inliers!r}")
         for name, least in (("min_valid", 0), ("max_valid", 1), ("max_drawn", 1)):

@@ -1,10 +1,10 @@
-"""Residuals and inlier counts of many registration models over many rows."""
+"""Residuals and inlier counts of many models over many rows."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from nonsac.kernels._jit import reordered_kernel
+from nonsac.kernels._jit import kernel, reordered_kernel
 
 
 @reordered_kernel
@@ -35,4 +35,92 @@ def count_registration_inliers(models, columns, squared_threshold, counts):
             y = r10 * ax[i] + r11 * ay[i] + r12 * az[i] + t1 - by[i]
             z = r20 * ax[i] + r21 * ay[i] + r22 * az[i] + t2 - bz[i]
             count += np.int32(x * x + y * y + z * z < squared_threshold)
+        counts[m] = count
+
+
+@kernel
+def essential_matrices(models, focal1, focal2, matrices):
+    """E = [t]x R of M models (M, 3, 4), for image coordinates in pixels: x of length focal where it was 1."""
+    for m in range(models.shape[0]):
+        model, matrix = models[m], matrices[m]
+        t0, t1, t2 = model[0, 3], model[1, 3], model[2, 3]
+        for c in range(3):
+            a, b, d = model[0, c], model[1, c], model[2, c]
+            scale = 1.0 / focal1 if c < 2 else 1.0
+            matrix[0, c] = scale * (t1 * d - t2 * b) / focal2
+            matrix[1, c] = scale * (t2 * a - t0 * d) / focal2
+            matrix[2, c] = scale * (t0 * b - t1 * a)
+
+
+@reordered_kernel
+def sampson_residuals(matrices, columns, residuals):
+    """First-order distances of matches `columns` (4, N) from M epipolar geometries (M, 3, 3), into (M, N).
+
+    Infinite where both points lie at the epipoles: such a match fits everything, so it speaks for nothing.
+    """
+    x, y, u, v = columns[0], columns[1], columns[2], columns[3]
+    for m in range(matrices.shape[0]):
+        row = residuals[m]
+        e00, e01, e02 = matrices[m, 0, 0], matrices[m, 0, 1], matrices[m, 0, 2]
+        e10, e11, e12 = matrices[m, 1, 0], matrices[m, 1, 1], matrices[m, 1, 2]
+        e20, e21, e22 = matrices[m, 2, 0], matrices[m, 2, 1], matrices[m, 2, 2]
+        for i in range(x.shape[0]):
+            a, b = e00 * x[i] + e01 * y[i] + e02, e10 * x[i] + e11 * y[i] + e12
+            c, d = e00 * u[i] + e10 * v[i] + e20, e01 * u[i] + e11 * v[i] + e21
+            product = u[i] * a + v[i] * b + e20 * x[i] + e21 * y[i] + e22
+            square = a * a + b * b + c * c + d * d
+            row[i] = abs(product) / np.sqrt(square) if square != 0.0 else np.inf
+
+
+@reordered_kernel
+def count_sampson_inliers(matrices, columns, counts):
+    """Matches with a Sampson residual below 1: single precision, in units of the threshold."""
+    x, y, u, v = columns[0], columns[1], columns[2], columns[3]
+    for m in range(matrices.shape[0]):
+        e00, e01, e02 = matrices[m, 0, 0], matrices[m, 0, 1], matrices[m, 0, 2]
+        e10, e11, e12 = matrices[m, 1, 0], matrices[m, 1, 1], matrices[m, 1, 2]
+        e20, e21, e22 = matrices[m, 2, 0], matrices[m, 2, 1], matrices[m, 2, 2]
+        count = np.int32(0)
+        for i in range(x.shape[0]):
+            a, b = e00 * x[i] + e01 * y[i] + e02, e10 * x[i] + e11 * y[i] + e12
+            c, d = e00 * u[i] + e10 * v[i] + e20, e01 * u[i] + e11 * v[i] + e21
+            product = u[i] * a + v[i] * b + e20 * x[i] + e21 * y[i] + e22
+            count += np.int32(product * product < a * a + b * b + c * c + d * d)
+        counts[m] = count
+
+
+@reordered_kernel
+def reprojection_residuals(models, columns, residuals):
+    """Image distances of M camera poses (M, 3, 4) over `columns` u v X Y Z (5, N), into (M, N).
+
+    Infinite for points that are not in front of the camera.
+    """
+    u, v, x, y, z = columns[0], columns[1], columns[2], columns[3], columns[4]
+    for m in range(models.shape[0]):
+        model, row = models[m], residuals[m]
+        r00, r01, r02, t0 = model[0, 0], model[0, 1], model[0, 2], model[0, 3]
+        r10, r11, r12, t1 = model[1, 0], model[1, 1], model[1, 2], model[1, 3]
+        r20, r21, r22, t2 = model[2, 0], model[2, 1], model[2, 2], model[2, 3]
+        for i in range(u.shape[0]):
+            depth = r20 * x[i] + r21 * y[i] + r22 * z[i] + t2
+            a = r00 * x[i] + r01 * y[i] + r02 * z[i] + t0 - u[i] * depth
+            b = r10 * x[i] + r11 * y[i] + r12 * z[i] + t1 - v[i] * depth
+            row[i] = np.sqrt(a * a + b * b) / depth if depth > 0.0 else (np.inf if depth <= 0.0 else np.nan)
+
+
+@reordered_kernel
+def count_reprojection_inliers(models, columns, squared_threshold, counts):
+    """Points in front of the camera with an image distance below the threshold: single precision."""
+    u, v, x, y, z = columns[0], columns[1], columns[2], columns[3], columns[4]
+    for m in range(models.shape[0]):
+        r00, r01, r02, t0 = models[m, 0, 0], models[m, 0, 1], models[m, 0, 2], models[m, 0, 3]
+        r10, r11, r12, t1 = models[m, 1, 0], models[m, 1, 1], models[m, 1, 2], models[m, 1, 3]
+        r20, r21, r22, t2 = models[m, 2, 0], models[m, 2, 1], models[m, 2, 2], models[m, 2, 3]
+        count = np.int32(0)
+        for i in range(u.shape[0]):
+            depth = r20 * x[i] + r21 * y[i] + r22 * z[i] + t2
+            a = r00 * x[i] + r01 * y[i] + r02 * z[i] + t0 - u[i] * depth
+            b = r10 * x[i] + r11 * y[i] + r12 * z[i] + t1 - v[i] * depth
+            bound = squared_threshold * depth * depth if depth > 0.0 else depth * np.float32(0.0)
+            count += np.int32(a * a + b * b < bound)
         counts[m] = count

@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.problems.absolute_pose import AbsolutePose
 from nonsac.problems.oriented_registration import OrientedRegistration
 from nonsac.problems.registration import Registration
+from nonsac.problems.relative_pose import RelativePose
+from nonsac.problems.simpler import Simpler
+from nonsac.problems.weighted import Weighted
 
-__all__ = ["OrientedRegistration", "Problem", "Registration"]
+__all__ = ["AbsolutePose", "OrientedRegistration", "Problem", "Registration", "RelativePose", "Simpler", "Weighted"]
 
 Array = NDArray[np.float64]
 
 
 @runtime_checkable
 class Problem(Protocol):
-    """The mathematics of one kind of model. A row is one correspondence, of `width` numbers."""
+    """The mathematics of one kind of model. A row is one correspondence, of `width` numbers.
+
+    A problem may have further methods, which are used where they are there:
+
+    - `refit_robustly(model, rows, weights, threshold, iterations)`: `refit` with Tukey's biweight loss, in one go.
+    - `simpler_models(model, inliers, threshold)`: special cases that may explain the inliers too, as `Simpler` objects.
+    - `covariance(model, inliers, threshold)`: of the parameters of a fitted model, (p, p).
+    - `row_weights(rows)`: weights of the rows, (N,), as `Weighted` has.
+    """
 
     @property
     def width(self) -> int:
@@ -42,8 +54,8 @@ class Problem(Protocol):
         """How far each row is from each model, in the unit of the threshold: (M, N) for M models, N rows."""
         ...
 
-    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
-        """How many rows have a residual below the threshold: (M,)."""
+    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[Any]:
+        """How many rows have a residual below the threshold: (M,), or what they weigh together."""
         ...
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:

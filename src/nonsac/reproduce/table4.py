@@ -25,7 +25,7 @@ from nonsac.executors import Workers
 from nonsac.io import read_cloud
 from nonsac.pipeline import estimate
 from nonsac.problems import Registration
-from nonsac.result import Result
+from nonsac.result import VERSION, Result
 from nonsac.scoring import Ideal, paper_rules, select
 from nonsac.simulate import CloudPair, cloud_pair
 from nonsac.sources import AllPairsSource
@@ -234,7 +234,7 @@ def _settings(cloud: str, trials: int, seed: int, workers: Workers) -> dict[str,
         "refined": "nonsac.register_clouds with its defaults",
         "wrong_above_deg": WRONG_ABOVE,
         "workers": workers if workers is None or isinstance(workers, int) else type(workers).__name__,
-        "version": version("nonsac"),
+        "version": VERSION,
         "machine": {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count()},
         "python": platform.python_version(),
         "packages": {name: version(name) for name in ("numpy", "scipy", "numba", "small_gicp")},

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from nonsac.sources.all_pairs import AllPairsSource
 from nonsac.sources.array import ArraySource
+from nonsac.sources.joined import JoinedSource
 
-__all__ = ["AllPairsSource", "ArraySource", "Source"]
+__all__ = ["AllPairsSource", "ArraySource", "JoinedSource", "Source"]
 
 
 @runtime_checkable

@@ -1,0 +1,129 @@
+"""RANSAC: minimal samples, the model with the most inliers; with early stopping and local optimisation on request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from numbers import Integral
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nonsac.fitting import biweight_costs, reweighted_fit, row_weights
+from nonsac.problems import Problem
+from nonsac.result import Array, Hypothesis
+
+_FIRST_BATCH, _LARGEST_BATCH = 64, 1024
+
+
+@dataclass(frozen=True)
+class Ransac:
+    """Random sample consensus (Fischler and Bolles 1981) for any problem.
+
+    As it stands, the standard loop of the paper: a fixed number of minimal samples, the model with the most inliers
+    wins. Two options make it the one that the pose functions use.
+
+    Parameters
+    ----------
+    iterations : int
+        Minimal samples; at most so many where `confidence` is given.
+    confidence : float or None
+        Stop once a minimal sample of inliers only has been drawn with this probability, going by the most inliers seen
+        so far. None never stops early.
+    local_optimisation : bool
+        Improve every new best model by a robust fit to the rows near it, and keep what has the least biweight
+        cost (LO-RANSAC, Chum, Matas and Kittler 2003).
+    """
+
+    iterations: int = 1000
+    confidence: float | None = None
+    local_optimisation: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.iterations, Integral) or isinstance(self.iterations, bool) or self.iterations < 1:
+            raise ValueError(f"iterations must be an integer of at least 1, got {self.iterations!r}")
+        if self.confidence is not None and not 0.0 < self.confidence < 1.0:
+            raise ValueError(f"confidence must be None or between 0 and 1, got {self.confidence!r}")
+
+    def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
+        weights = row_weights(problem, rows)
+        model, cost, most, support, tested = np.full((3, 4), np.nan), np.inf, 0.0, 0.0, 0
+        drawn, needed, batch = 0, self.iterations, _FIRST_BATCH
+        while drawn < needed:
+            size = min(batch, needed - drawn)
+            models = problem.solve_minimal(rows[minimal_samples(len(rows), problem.minimal_size, size, rng, weights)])
+            drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
+            if not len(models):
+                continue
+            counts = problem.count_inliers(models, rows, threshold)
+            best = int(np.argmax(counts))
+            if not counts[best] > most:
+                continue
+            most = counts[best]
+            candidate = models[best]
+            if self.local_optimisation:
+                candidate = self._optimised(problem, candidate, rows, threshold)
+                candidate_cost = biweight_costs(problem, candidate[None], rows, threshold)[0]
+                if not candidate_cost < cost:
+                    continue
+                cost = candidate_cost
+            model = candidate
+            support = max(support, float(problem.count_inliers(candidate[None], rows, threshold)[0]))
+            if self.confidence is not None:
+                total = len(rows) if weights is None else weights.sum()
+                needed = min(needed, trials_needed(support / total, problem.minimal_size, self.confidence))
+        if not np.isfinite(model).all():
+            return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
+        return Hypothesis(model, problem.residuals(model[None], rows)[0], threshold, tested=tested)
+
+    def with_budget(self, factor: int) -> Self:
+        return replace(self, iterations=self.iterations * factor)
+
+    def _optimised(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
+        """The model after a fit to all rows near it, first from twice as far."""
+        wide = reweighted_fit(problem, model, rows, 2.0 * threshold, 5)
+        fitted = reweighted_fit(problem, wide, rows, threshold, 10)
+        both = np.stack([model, fitted])
+        return both[int(np.argmin(biweight_costs(problem, both, rows, threshold)))]
+
+
+def trials_needed(inlier_ratio: float, size: int, confidence: float) -> int:
+    """Minimal samples until one holds inliers only, with this confidence (Hartley and Zisserman, Sec. 4.7.1)."""
+    chance = min(inlier_ratio, 1.0) ** size
+    if chance >= 1.0:
+        return 1
+    if chance < 1e-15:
+        return 2**62
+    return max(1, int(np.ceil(np.log(1.0 - confidence) / np.log1p(-chance))))
+
+
+def minimal_samples(
+    rows: int, size: int, count: int, rng: np.random.Generator, weights: Array | None = None
+) -> NDArray[np.int64]:
+    """Row numbers of minimal samples, (count, size): distinct within a sample, independent between samples.
+
+    Weighted rows are drawn with a probability in proportion to their weight; a sample that drew a row twice is drawn
+    again a few times, and may in the end hold it twice, which solvers take for degenerate.
+    """
+    if weights is None:
+        return _distinct(rows, size, count, rng)
+    cumulative = np.cumsum(weights)
+    drawn = np.empty((count, size), np.int64)
+    waiting = np.arange(count)
+    for _ in range(20):
+        drawn[waiting] = np.searchsorted(cumulative, rng.random((len(waiting), size)) * cumulative[-1], side="right")
+        ordered = np.sort(drawn[waiting], axis=1)
+        waiting = waiting[(ordered[:, 1:] == ordered[:, :-1]).any(axis=1)]
+        if not len(waiting):
+            break
+    return np.minimum(drawn, rows - 1)
+
+
+def _distinct(rows: int, size: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Floyd's algorithm (Bentley 1987), for all samples at once."""
+    highest = np.arange(rows - size, rows)
+    drawn = rng.integers(0, highest + 1, size=(count, size))
+    for j in range(1, size):
+        taken = (drawn[:, :j] == drawn[:, j : j + 1]).any(axis=1)
+        drawn[taken, j] = highest[j]
+    return drawn

@@ -1,0 +1,250 @@
+"""Camera poses: choose the parts, run the pipeline."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nonsac.arguments import points_argument, weights_argument
+from nonsac.camera import Camera, CameraLike
+from nonsac.estimators import Estimator, Ransac
+from nonsac.executors import Workers
+from nonsac.pipeline import estimate
+from nonsac.problems import AbsolutePose, Problem, RelativePose, Weighted
+from nonsac.refine import Refiner
+from nonsac.result import Array, Hypothesis, Result
+from nonsac.scoring import ScoringRule
+from nonsac.sources import JoinedSource
+
+Random = int | np.random.Generator | None
+Progress = Callable[[int, int], object]
+
+_DEFAULT_NOISE = 0.5  # pixels
+_LARGEST_NORMALISED = 10.0
+
+
+def relative_pose(
+    points1: ArrayLike,
+    points2: ArrayLike,
+    camera1: CameraLike | None = None,
+    camera2: CameraLike | None = None,
+    *,
+    noise: float | None = None,
+    weights: ArrayLike | None = None,
+    samples: int = 10,
+    sample_size: int = 2000,
+    estimator: Estimator | None = None,
+    rule: str | ScoringRule = "tlp_0.1",
+    refine: str | Refiner = "polish",
+    workers: Workers = None,
+    rng: Random = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Pose of a second camera relative to a first one, from matched image points of which many may be wrong.
+
+    Parameters
+    ----------
+    points1, points2 : (n, 2) array
+        Row i of one is hypothesised to match row i of the other. Pixels where cameras are given, else normalised
+        image coordinates (x/z, y/z) without distortion. Rows with NaN or infinity are dropped.
+    camera1, camera2 : camera, optional
+        A matrix K (3, 3), `(fx, fy, cx, cy)`, a COLMAP model string or dict, or a `Camera`; `camera2` is `camera1`
+        where it is left out. Nothing is shifted: points and cameras share one convention for the centres of pixels,
+        (0, 0) for the first one as in OpenCV or (0.5, 0.5) as in COLMAP.
+    noise : float, optional
+        Standard deviation of a right match, in pixels where cameras are given (default 0.5), else in normalised
+        coordinates, where there is no default. Rows with a Sampson residual below 5 `noise` are inliers.
+    weights : (n,) array, optional
+        How much each match counts, not negative, in any unit: the certainty of a dense matcher, say.
+    samples, sample_size : int
+        At most this many non-minimal samples, and rows in each; fewer where two of them lead to the same pose. Where
+        all rows fit into one sample, one is drawn and searched with the budget of all.
+    estimator, rule, refine, workers, rng, progress
+        As in `nonsac.estimate`; the default estimator is `Ransac` with the five-point method, local optimisation and
+        early stopping.
+
+    Returns
+    -------
+    Result
+        X2 = R X1 + t in camera coordinates (x right, y down, z forward), |t| = 1: the length of the baseline cannot be
+        known. `status` is `DEGENERATE` where a rotation explains all, so that t means nothing, and `AMBIGUOUS` where
+        all inliers lie on a plane that allows a second pose (in `alternatives`); `info["remarks"]` says "planar".
+
+    Raises
+    ------
+    ValueError, TypeError
+        Where an argument is out of its range; the message names it.
+    """
+    a, b = points_argument(points1, "points1", 2), points_argument(points2, "points2", 2)
+    if len(a) != len(b):
+        raise ValueError(f"relative_pose needs points1[i] to match points2[i]; got {len(a)} and {len(b)} rows")
+    if camera1 is None and camera2 is not None:
+        raise ValueError("camera1 must be given where camera2 is")
+    first = None if camera1 is None else Camera.parse(camera1, "camera1")
+    second = first if camera2 is None else Camera.parse(camera2, "camera2")
+    _warn_wrong_unit(a, "points1", first, "camera1")
+    _warn_wrong_unit(b, "points2", second, "camera2")
+    problem = RelativePose() if first is None or second is None else RelativePose(first.focal, second.focal)
+    return _estimate(
+        [a, b],
+        [_normaliser(first), _normaliser(second)],
+        problem,
+        weights_argument(weights, len(a)),
+        noise=_noise(noise, first),
+        samples=samples,
+        sample_size=sample_size,
+        estimator=estimator,
+        rule=rule,
+        refine=refine,
+        workers=workers,
+        rng=rng,
+        progress=progress,
+    )
+
+
+def absolute_pose(
+    points2d: ArrayLike,
+    points3d: ArrayLike,
+    camera: CameraLike | None = None,
+    *,
+    noise: float | None = None,
+    weights: ArrayLike | None = None,
+    samples: int = 10,
+    sample_size: int = 2000,
+    estimator: Estimator | None = None,
+    rule: str | ScoringRule = "tlp_0.1",
+    refine: str | Refiner = "polish",
+    workers: Workers = None,
+    rng: Random = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Pose of a camera in the world (PnP), from image points matched to 3D points, of which many may be wrong.
+
+    Parameters
+    ----------
+    points2d : (n, 2) array
+        Pixels where a camera is given, else normalised image coordinates (x/z, y/z) without distortion.
+    points3d : (n, 3) array
+        Row i is hypothesised to be seen at row i of `points2d`; any unit and origin. Rows with NaN or infinity are
+        dropped.
+    camera : camera, optional
+        A matrix K (3, 3), `(fx, fy, cx, cy)`, a COLMAP model string or dict, or a `Camera`, with the same convention
+        for the centres of pixels as the points.
+    noise : float, optional
+        Standard deviation of an image point in each direction, in pixels where a camera is given (default 0.5), else
+        in normalised coordinates, where there is no default. Rows with a reprojection error below 5 `noise` are
+        inliers; points behind the camera never are.
+    weights : (n,) array, optional
+        How much each match counts, not negative, in any unit.
+    samples, sample_size, estimator, rule, refine, workers, rng, progress
+        As in `relative_pose`, with P3P in place of the five-point method.
+
+    Returns
+    -------
+    Result
+        camera = R world + t, as COLMAP and PoseLib have it; the camera's centre is -R^T t.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Where an argument is out of its range; the message names it.
+    """
+    image, world = points_argument(points2d, "points2d", 2), points_argument(points3d, "points3d", 3)
+    if len(image) != len(world):
+        raise ValueError(
+            f"absolute_pose needs points2d[i] to match points3d[i]; got {len(image)} and {len(world)} rows"
+        )
+    parsed = None if camera is None else Camera.parse(camera, "camera")
+    _warn_wrong_unit(image, "points2d", parsed, "camera")
+    return _estimate(
+        [image, world],
+        [_normaliser(parsed), None],
+        AbsolutePose() if parsed is None else AbsolutePose(parsed.focal),
+        weights_argument(weights, len(image)),
+        noise=_noise(noise, parsed),
+        samples=samples,
+        sample_size=sample_size,
+        estimator=estimator,
+        rule=rule,
+        refine=refine,
+        workers=workers,
+        rng=rng,
+        progress=progress,
+    )
+
+
+@dataclass(frozen=True)
+class Corroborated:
+    """Stop when two samples, which share no rows or few, have led to the same pose.
+
+    Wrong poses agree so closely by chance in a few of a million pairs; whether the pose is right is for the verdict.
+    """
+
+    rotation_deg: float = 3.0
+    direction_deg: float = 15.0
+
+    def __call__(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> bool:
+        found = [h.model for h in hypotheses if h.found]
+        return any(self._same(problem, other, found[-1]) for other in found[:-1])
+
+    def _same(self, problem: Problem, a: Array, b: Array) -> bool:
+        if not problem.distance(a, b) < self.rotation_deg:
+            return False
+        cosine = a[:, 3] @ b[:, 3] / (np.linalg.norm(a[:, 3]) * np.linalg.norm(b[:, 3]))
+        return bool(cosine > np.cos(np.radians(self.direction_deg)))
+
+
+def _estimate(
+    arrays: list[NDArray[Any]],
+    maps: list[Callable[[Array], Array] | None],
+    problem: Problem,
+    weights: Array | None,
+    estimator: Estimator | None,
+    **settings: Any,
+) -> Result:
+    if weights is not None:
+        problem, arrays, maps = Weighted(problem), [*arrays, weights[:, None]], [*maps, None]
+    if estimator is None:
+        estimator = Ransac(10_000, confidence=0.9999, local_optimisation=True)
+    result = estimate(JoinedSource(arrays, maps), problem, estimator, stop=Corroborated(), **settings)
+    dropped = result.info.get("dropped_rows", 0)
+    if dropped:
+        message = f"dropped {dropped} sampled rows that are NaN or infinite, or that the lens maps no ray to"
+        warnings.warn(message, stacklevel=3)
+    return result
+
+
+def _normaliser(camera: Camera | None) -> Callable[[Array], Array] | None:
+    return None if camera is None else camera.normalise
+
+
+def _noise(noise: float | None, camera: Camera | None) -> float:
+    if noise is None and camera is None:
+        raise ValueError(
+            "noise must be given where no camera is: the standard deviation of a right match in normalised image "
+            "coordinates, for instance 0.5 pixels divided by the focal length in pixels"
+        )
+    if noise is None:
+        return _DEFAULT_NOISE
+    if isinstance(noise, bool) or not isinstance(noise, Real) or not 0 < noise < np.inf:
+        raise ValueError(f"noise must be a positive number, the standard deviation of an inlier, got {noise!r}")
+    return float(noise)
+
+
+def _warn_wrong_unit(points: NDArray[Any], name: str, camera: Camera | None, camera_name: str) -> None:
+    """Warn of pixels without a camera, and of normalised coordinates with one, going by some of the points."""
+    some = np.abs(points[:: max(1, len(points) // 1000)].astype(np.float64))
+    some = some[np.isfinite(some)]
+    typical = float(np.median(some)) if len(some) else 1.0
+    if camera is None and typical > _LARGEST_NORMALISED:
+        message = f"{name} look like pixels (median size {typical:.3g}), not like normalised image coordinates: "
+        warnings.warn(f"{message}pass {camera_name}", stacklevel=3)
+    if camera is not None and len(some) and some.max() < _LARGEST_NORMALISED < 0.1 * camera.focal:
+        message = f"{name} look like normalised image coordinates (at most {some.max():.3g}), not like pixels: "
+        warnings.warn(f"{message}leave {camera_name} out, and give noise in their unit", stacklevel=3)

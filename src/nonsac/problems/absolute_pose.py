@@ -1,0 +1,123 @@
+"""Absolute pose of a calibrated camera (PnP)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nonsac.kernels.p3p import p3p_poses
+from nonsac.kernels.pose_fit import fit_pose, reprojection_jacobian
+from nonsac.kernels.residuals import count_reprojection_inliers, reprojection_residuals
+from nonsac.problems.pose import (
+    least_squares_covariance,
+    positive,
+    robust_covariance,
+    rotation_distance,
+    rotation_is_certain,
+    spread_out,
+)
+from nonsac.problems.registration import centre
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AbsolutePose:
+    """camera = R world + t, for rows `u v X Y Z`: normalised image coordinates and the point in the world.
+
+    The residual is the distance in the image between the point and where it was seen (Hartley and Zisserman 2003), in
+    pixels where the focal length is given, and in normalised coordinates otherwise. It is infinite for points behind
+    the camera.
+
+    Parameters
+    ----------
+    focal : float
+        Focal length in pixels.
+    """
+
+    focal: float = 1.0
+
+    width: ClassVar[int] = 5
+    minimal_size: ClassVar[int] = 3
+    split: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "focal", positive("focal", self.focal))
+
+    def solve_minimal(self, samples: Array) -> Array:
+        """Poses of B samples of three rows (B, 3, 5): none to four each, with the points in front of the camera."""
+        models = np.empty((4 * len(samples), 3, 4))
+        return models[: p3p_poses(np.ascontiguousarray(samples), models)]
+
+    def residuals(self, models: Array, rows: Array) -> Array:
+        models = np.ascontiguousarray(models).reshape(-1, 3, 4)
+        residuals = np.empty((len(models), len(rows)))
+        reprojection_residuals(models, np.ascontiguousarray(rows.T), residuals)
+        return residuals * self.focal
+
+    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
+        # Single precision is twice as fast; near the origin its error does not matter.
+        origin = centre(rows)[2:]
+        columns = np.ascontiguousarray((rows - [0.0, 0.0, *origin]).T, np.float32)
+        counts = np.empty(len(models), np.int64)
+        square = np.float32((threshold / self.focal) ** 2)
+        count_reprojection_inliers(moved_origin(models, origin).astype(np.float32), columns, square, counts)
+        return counts
+
+    def refit(self, model: Array, rows: Array, weights: Array) -> Array:
+        """Weighted least squares in the image, by Levenberg and Marquardt's method from `model`."""
+        return self.refit_robustly(model, rows, weights, np.inf, 50)
+
+    def refit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
+        """The same with Tukey's biweight loss, which is constant beyond the threshold."""
+        if np.count_nonzero(weights) < self.minimal_size or not np.isfinite(model).all():
+            return np.full((3, 4), np.nan)
+        columns, origin = self._centred(rows)
+        fitted = moved_origin(model, origin)
+        ok = fit_pose(columns, weights, float(threshold), iterations, np.array([self.focal, 1.0]), fitted)
+        return moved_origin(fitted, -origin) if ok else np.full((3, 4), np.nan)
+
+    def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
+        """False for points on a line, and where the rotation is uncertain by ten degrees or more."""
+        if len(inliers) < self.minimal_size or not spread_out(inliers[:, 2:]):
+            return False
+        if not np.isfinite(model).all():
+            return True
+        jacobian = self._derivatives(model, inliers)[1]
+        return rotation_is_certain(least_squares_covariance(jacobian, threshold / 5.0))
+
+    def covariance(self, model: Array, inliers: Array, threshold: float) -> Array:
+        """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t."""
+        residuals, jacobian = self._derivatives(model, inliers)
+        centred = robust_covariance(residuals, jacobian, threshold)
+        # t = t_centred - exp([w]x) R origin, so d t = d t_centred + [R origin]x w
+        x, y, z = model[:, :3] @ centre(inliers)[2:]
+        transport = np.eye(6)
+        transport[3:, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+        return np.asarray(transport @ centred @ transport.T)
+
+    def distance(self, a: Array, b: Array) -> Array:
+        """Angle between the rotations, in degrees."""
+        return rotation_distance(a, b)
+
+    def _derivatives(self, model: Array, rows: Array) -> tuple[Array, Array]:
+        """Residuals (N, 2) and their derivatives (N, 2, 6), for points relative to their centre."""
+        columns, origin = self._centred(rows)
+        residuals, jacobian = np.empty((len(rows), 2)), np.empty((len(rows), 2, 6))
+        reprojection_jacobian(columns, self.focal, moved_origin(model, origin), residuals, jacobian)
+        return residuals, jacobian
+
+    def _centred(self, rows: Array) -> tuple[Array, Array]:
+        """Columns (5, N) with image coordinates in pixels and points relative to their centre, and that centre."""
+        origin = centre(rows)[2:]
+        return np.ascontiguousarray(((rows - [0.0, 0.0, *origin]) * [self.focal, self.focal, 1.0, 1.0, 1.0]).T), origin
+
+
+def moved_origin(models: Array, origin: Array) -> Array:
+    """The models (..., 3, 4) for points that are given relative to an origin."""
+    moved = np.array(models, np.float64)
+    moved[..., 3] += moved[..., :3] @ origin
+    return moved

@@ -1,0 +1,150 @@
+"""Relative pose of two calibrated cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nonsac.kernels.five_point import five_point_poses
+from nonsac.kernels.pose_fit import fit_pose, sampson_jacobian
+from nonsac.kernels.residuals import count_sampson_inliers, essential_matrices, sampson_residuals
+from nonsac.problems.pose import (
+    least_squares_covariance,
+    positive,
+    robust_covariance,
+    rotation_distance,
+    rotation_is_certain,
+    spread_out,
+)
+from nonsac.problems.simpler import Simpler
+from nonsac.problems.two_view import plane_of, pose_of_same_plane, seen_through_plane
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RelativePose:
+    """X2 = R X1 + t with |t| = 1, for rows `x1 y1 x2 y2` of normalised image coordinates in two cameras.
+
+    The residual is Sampson's first-order distance to the epipolar geometry (Sampson 1982; Luong and Faugeras 1996),
+    in pixels where the focal lengths are given, and in normalised coordinates otherwise.
+
+    Parameters
+    ----------
+    focal1, focal2 : float
+        Focal lengths in pixels; the noise in pixels is taken to be the same in both images.
+    """
+
+    focal1: float = 1.0
+    focal2: float = 1.0
+
+    width: ClassVar[int] = 4
+    minimal_size: ClassVar[int] = 5
+    split: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "focal1", positive("focal1", self.focal1))
+        object.__setattr__(self, "focal2", positive("focal2", self.focal2))
+
+    def solve_minimal(self, samples: Array) -> Array:
+        """Poses of B samples of five rows (B, 5, 4): none to ten each, with all five points in front of both cameras.
+
+        Nister's five-point method (PAMI 2004).
+        """
+        models = np.empty((10 * len(samples), 3, 4))
+        return models[: five_point_poses(np.ascontiguousarray(samples), models)]
+
+    def residuals(self, models: Array, rows: Array) -> Array:
+        matrices = self._matrices(models)
+        residuals = np.empty((len(matrices), len(rows)))
+        sampson_residuals(matrices, self._columns(rows), residuals)
+        return residuals
+
+    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
+        # Single precision is twice as fast; in units of the threshold its error does not matter.
+        in_thresholds = RelativePose(self.focal1 / threshold, self.focal2 / threshold)
+        columns = in_thresholds._columns(rows).astype(np.float32)
+        counts = np.empty(len(models), np.int64)
+        count_sampson_inliers(in_thresholds._matrices(models).astype(np.float32), columns, counts)
+        return counts
+
+    def refit(self, model: Array, rows: Array, weights: Array) -> Array:
+        """Weighted least squares in the Sampson residuals, by Levenberg and Marquardt's method from `model`."""
+        return self.refit_robustly(model, rows, weights, np.inf, 50)
+
+    def refit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
+        """The same with Tukey's biweight loss, which is constant beyond the threshold."""
+        fitted = np.array(model, np.float64)
+        if np.count_nonzero(weights) < self.minimal_size or not np.isfinite(fitted).all():
+            return np.full((3, 4), np.nan)
+        ok = fit_pose(
+            self._columns(rows), weights, float(threshold), iterations, np.array([self.focal1, self.focal2]), fitted
+        )
+        return fitted if ok else np.full((3, 4), np.nan)
+
+    def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
+        """Whether rotation and direction of the translation are known to ten and twenty degrees.
+
+        Points on a plane determine them up to a second solution (see `simpler_models`).
+        """
+        if not np.isfinite(model).all():
+            return len(inliers) >= self.minimal_size and all(spread_out(half) for half in np.hsplit(inliers, 2))
+        covariance = least_squares_covariance(self._derivatives(model, inliers)[1], threshold / 5.0)
+        block = covariance[3:, 3:]
+        direction_is_certain = np.isfinite(block).all() and np.linalg.eigvalsh(block)[-1] < 0.35**2
+        return bool(direction_is_certain) and rotation_is_certain(covariance)
+
+    def simpler_models(self, model: Array, inliers: Array, threshold: float) -> tuple[Simpler, ...]:
+        """What a pure rotation, and a planar scene, explain of these inliers.
+
+        A rotation without a baseline leaves the direction of t open; a plane allows a second pose.
+        """
+        by_rotation = self._transfer_error(model, np.zeros(3), inliers) < threshold
+        plane = plane_of(model, inliers, lambda plane: self._transfer_error(model, plane, inliers), threshold)
+        by_plane = self._transfer_error(model, plane, inliers) < threshold
+        others = np.empty((0, 3, 4))
+        if by_plane.mean() > 0.5:
+            found = pose_of_same_plane(model, plane, inliers[by_plane])
+            even = np.ones(len(inliers))
+            others = np.array([self.refit_robustly(other, inliers, even, 2.0 * threshold, 20) for other in found])
+            others = others[np.isfinite(others).all(axis=(1, 2))] if len(others) else found
+        return (
+            Simpler("pure rotation", by_rotation, determined=False),
+            Simpler("planar", by_plane, determined=True, others=others),
+        )
+
+    def covariance(self, model: Array, inliers: Array, threshold: float) -> Array:
+        """Covariance (5, 5) of the rotation vector w (R exp: exp([w]x) R, radians) and of t in its tangent plane."""
+        residuals, jacobian = self._derivatives(model, inliers)
+        return robust_covariance(residuals[:, None], jacobian[:, None], threshold)
+
+    def distance(self, a: Array, b: Array) -> Array:
+        """Angle between the rotations, in degrees."""
+        return rotation_distance(a, b)
+
+    def _derivatives(self, model: Array, rows: Array) -> tuple[Array, Array]:
+        residuals, jacobian = np.empty(len(rows)), np.empty((len(rows), 5))
+        sampson_jacobian(
+            self._columns(rows), np.array([self.focal1, self.focal2]), np.ascontiguousarray(model), residuals, jacobian
+        )
+        return residuals, jacobian
+
+    def _transfer_error(self, model: Array, plane: Array, rows: Array) -> Array:
+        """Distance of x2 from where it is seen if the point lies on the plane n . X = 1, in units of the residual."""
+        return self.focal2 * np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=1)
+
+    def _matrices(self, models: Array) -> Array:
+        models = np.ascontiguousarray(models).reshape(-1, 3, 4)
+        matrices = np.empty((len(models), 3, 3))
+        essential_matrices(models, self.focal1, self.focal2, matrices)
+        return matrices
+
+    def _columns(self, rows: Array) -> Array:
+        return np.ascontiguousarray((rows * self._focals).T)
+
+    @property
+    def _focals(self) -> Array:
+        return np.array([self.focal1, self.focal1, self.focal2, self.focal2])

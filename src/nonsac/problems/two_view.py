@@ -1,0 +1,91 @@
+"""Planes seen in two views: which plane fits a pose, and which second pose the same plane allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_TRIPLETS = 60
+_MOST_ROWS = 400
+
+
+def seen_through_plane(model: Array, plane: Array, points: Array) -> Array:
+    """Where the second camera sees points (n, 2) of the first one that lie on the plane n . X = 1: (n, 2).
+
+    The homography R + t n^T (Hartley and Zisserman, Sec. 13.1); a zero plane is the plane at infinity. NaN where the
+    point is not in front of the second camera.
+    """
+    moved = points @ (model[:, :2] + np.outer(model[:, 3], plane[:2])).T + model[:, 2] + plane[2] * model[:, 3]
+    depth = np.where(moved[:, 2:] > 0.0, moved[:, 2:], np.nan)
+    return moved[:, :2] / depth
+
+
+def plane_of(model: Array, rows: Array, error: Callable[[Array], Array], threshold: float) -> Array:
+    """The plane n (3,), with n . X = 1 in the first camera's frame, that most rows of a pose lie on; 0 if none does.
+
+    `error(n)` is the transfer error of all rows. Planes through three rows each are compared, the best one is fitted
+    to its rows.
+    """
+    slope, inverse_depth = _inverse_depths(model, rows)
+    rays = np.column_stack([rows[:, :2], np.ones(len(rows))])
+    some = np.random.default_rng(len(rows)).integers(len(rows), size=(_TRIPLETS, 3))
+    triplets = rays[some]
+    solvable = np.abs(np.linalg.det(triplets)) > 1e-9
+    planes = np.linalg.solve(triplets[solvable], inverse_depth[some[solvable]][..., None])[..., 0]
+    if not len(planes):
+        return np.zeros(3)
+    step = max(1, len(rows) // _MOST_ROWS)
+    misfits = np.abs((planes @ rays[::step].T - inverse_depth[::step]) * slope[::step])
+    best = planes[np.argmax((misfits < threshold).sum(axis=1))]
+    for _ in range(3):
+        weights = slope * (error(best) < threshold)
+        best = np.linalg.lstsq(rays * weights[:, None], inverse_depth * weights, rcond=None)[0]
+    return np.asarray(best)
+
+
+def _inverse_depths(model: Array, rows: Array) -> tuple[Array, Array]:
+    """How fast the second image moves with the inverse depth in the first, and the inverse depth that fits best."""
+    turned = rows[:, :2] @ model[:, :2].T + model[:, 2]
+    # x2 x (R x1 + inverse_depth t) = 0
+    second = np.column_stack([rows[:, 2:], np.ones(len(rows))])
+    constant, factor = np.cross(second, turned), np.cross(second, model[:, 3])
+    square = np.maximum((factor**2).sum(axis=1), 1e-30)
+    inverse_depth = -(constant * factor).sum(axis=1) / square
+    depth = np.maximum(turned[:, 2] + inverse_depth * model[2, 3], 1e-3)
+    return np.sqrt(square) / depth, inverse_depth
+
+
+def pose_of_same_plane(model: Array, plane: Array, rows: Array) -> Array:
+    """The other pose (K, 3, 4), K <= 1, that gives the same homography with all points in front of both cameras.
+
+    The analytical decomposition of a homography (Ma, Soatto, Kosecka and Sastry, "An Invitation to 3-D Vision",
+    Sec. 5.3.3).
+    """
+    homography = model[:, :3] + np.outer(model[:, 3], plane)
+    _, sizes, axes = np.linalg.svd(homography)
+    homography, sizes = homography / sizes[1], sizes / sizes[1]
+    if np.linalg.det(homography) <= 0.0 or sizes[0] - sizes[2] < 1e-6:
+        return np.empty((0, 3, 4))
+    v1, v2, v3 = axes
+    along, across = np.sqrt(max(0.0, 1.0 - sizes[2] ** 2)), np.sqrt(max(0.0, sizes[0] ** 2 - 1.0))
+    rays = np.column_stack([rows[:, :2], np.ones(len(rows))])
+    found = []
+    for side in (across, -across):
+        u = (along * v1 + side * v3) / np.sqrt(sizes[0] ** 2 - sizes[2] ** 2)
+        normal = np.cross(v2, u)
+        before = np.column_stack([v2, u, normal])
+        after = np.column_stack([homography @ v2, homography @ u, np.cross(homography @ v2, homography @ u)])
+        rotation = after @ before.T
+        shift = (homography - rotation) @ normal
+        sign = np.sign(np.median(rays @ normal)) or 1.0
+        size = np.linalg.norm(shift)
+        in_front = (sign * rays @ normal > 0.0).mean() > 0.9
+        if size > 1e-9 and in_front:
+            found.append(np.column_stack([rotation, sign * shift / size]))
+    others = [pose for pose in found if np.abs(pose - model).max() > 0.05]
+    same = [pose for pose in found if np.abs(pose - model).max() <= 0.05]
+    return np.stack(others[:1]) if others and same else np.empty((0, 3, 4))

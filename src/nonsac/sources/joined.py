@@ -1,0 +1,52 @@
+"""Rows put together from several arrays of equal length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nonsac.sources.array import ArraySource
+
+Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+class JoinedSource:
+    """Row i is row i of each of several arrays (n, d), side by side; only sampled rows are ever joined.
+
+    Parameters
+    ----------
+    arrays : sequence of (n, d) array
+        Neither copied nor converted whole.
+    maps : sequence of callable or None, optional
+        For each array, what its sampled rows pass through, from (k, d) to (k, d'): a camera's `normalise`, say. They
+        travel to workers, so they must pickle.
+    """
+
+    def __init__(self, arrays: Sequence[ArrayLike], maps: Sequence[Map | None] | None = None) -> None:
+        self.parts = [ArraySource(array) for array in arrays]
+        self.maps = list(maps) if maps is not None else [None] * len(self.parts)
+        if not self.parts:
+            raise ValueError("arrays must hold at least one array")
+        if len(self.maps) != len(self.parts):
+            raise ValueError(f"maps must hold one entry for each of {len(self.parts)} arrays, got {len(self.maps)}")
+        lengths = {len(part) for part in self.parts}
+        if len(lengths) > 1:
+            raise ValueError(f"arrays must have equally many rows, got {', '.join(str(len(p)) for p in self.parts)}")
+
+    @property
+    def width(self) -> int:
+        nothing = np.empty(0, np.int64)
+        return int(self.take(nothing).shape[1])
+
+    def __len__(self) -> int:
+        return len(self.parts[0])
+
+    def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        taken = (part.take(indices) for part in self.parts)
+        return np.hstack([rows if move is None else move(rows) for rows, move in zip(taken, self.maps, strict=True)])
+
+    def chunks(self, rows: int) -> Iterator[NDArray[np.float64]]:
+        for start in range(0, len(self), rows):
+            yield self.take(np.arange(start, min(start + rows, len(self)), dtype=np.int64))
