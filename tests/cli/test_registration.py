@@ -1,27 +1,20 @@
-"""The command line, in this process where it can be: kernels compile once for all tests."""
+"""Registration on the command line."""
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cli_samples import said
 
 import nonsac
-from nonsac import cli, io, simulate
+from nonsac import io, simulate
 
 
 @pytest.fixture(scope="module")
 def elephant():
     return simulate.demo_scans(0, points=2000)
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @pytest.fixture
@@ -45,45 +38,6 @@ def noise_file(folder):
     """Pairs without any truth in them."""
     np.save("noise.npy", np.random.default_rng(1).random((300, 6)))
     return "noise.npy"
-
-
-@pytest.fixture
-def run(capsys):
-    """Run the command line; what comes back is (exit code, stdout, stderr)."""
-
-    def call(*arguments):
-        code = cli.main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return code, captured.out, captured.err
-
-    return call
-
-
-@pytest.fixture
-def refused(run, folder):
-    """Run what must end in exit 2 with one line on stderr, nothing on stdout and no new file; return the line."""
-
-    def call(*arguments):
-        before = sorted(folder.rglob("*"))
-        code, out, err = run(*arguments)
-        assert (code, out) == (2, "")
-        assert err.startswith("nonsac: ")
-        assert err.count("\n") == 1
-        assert sorted(folder.rglob("*")) == before
-        return err
-
-    return call
-
-
-def said(err):
-    """What stderr says beside the note on compiling, which depends on the tests that ran before."""
-    return [line for line in err.splitlines() if "compiling kernels" not in line]
-
-
-def subprocess_nonsac(*arguments, **options):
-    command = [sys.executable, "-m", "nonsac", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, **options)
 
 
 # --- results -----------------------------------------------------------
@@ -142,12 +96,23 @@ def test_scale(folder, run, scale, found):
     assert json.loads(out)["scale"] == pytest.approx(found, rel=0.01)
 
 
+def test_save_inliers_of_pairs(matches, run):
+    code, _, _ = run("register-pairs", "pairs.npy", "--noise", 0.01, "--save-inliers", "mask.npy")
+    assert code == 0
+    mask = np.load("mask.npy")
+    np.testing.assert_array_equal(mask, nonsac.register_pairs(matches.source, matches.target, noise=0.01).inliers)
+    assert (mask == matches.inliers).mean() > 0.98
+
+
 def test_dropped_rows_are_one_line_on_stderr(matches, run):
     rows = np.load("pairs.npy")
     rows[3, 1] = np.nan
     np.save("pairs.npy", rows)
-    code, _, err = run("register-pairs", "pairs.npy", "--noise", 0.01)
+    code, _, err = run("register-pairs", "pairs.npy", "--noise", 0.01, "--save-inliers", "mask.txt")
     assert code == 0
+    mask = np.loadtxt("mask.txt")
+    assert len(mask) == 400
+    assert not mask[3]
     assert said(err) == ["nonsac: warning: dropped 1 of 400 pairs with NaN or infinite coordinates"]
 
 
@@ -202,12 +167,6 @@ def test_demo_for_people_and_when_it_fails(folder, run, monkeypatch):
     code, out, _ = run("demo")
     assert code == 1
     assert "Result(too_few" in out
-
-
-def test_warmup(run):
-    code, out, err = run("warmup")
-    assert (code, said(err)) == (0, [])
-    assert "compiled" in out
 
 
 # --- refusals ----------------------------------------------------------
@@ -269,14 +228,6 @@ def test_options_of_pairs(matches, refused, options, message):
     assert message in refused("register-pairs", "pairs.npy", *options)
 
 
-def test_other_misuse(folder, refused):
-    assert "No such command 'register'" in refused("register")
-    assert "Missing argument" in refused("register-clouds")
-    assert "'--picture'" in refused("demo", "--picture", "demo.gif")
-    Path("file").write_text("")
-    assert "file: File exists" in refused("demo", "--save-scans", "file", "--picture", "demo.png")
-
-
 def test_a_write_that_fails_after_the_work_leaves_the_result_on_stdout(matches, run, monkeypatch):
     def full_disk(*_):
         raise OSError(28, "No space left on device")
@@ -298,46 +249,3 @@ def test_interrupted(scans, run, monkeypatch):
     monkeypatch.setattr(nonsac.api, "register_clouds", interrupted)
     assert run("register-clouds", *scans[:2], "--output", "T.txt") == (130, "", "nonsac: interrupted\n")
     assert not os.path.exists("T.txt")
-
-
-# --- the program -------------------------------------------------------
-
-
-def test_help_and_version(run):
-    assert run("--version") == (0, f"nonsac {nonsac.__version__}\n", "")
-    for arguments in ((), ("--help",), ("reproduce",), ("register-pairs", "--help")):
-        code, out, err = run(*arguments)
-        assert (code, err) == (0, "")
-        assert "Usage: nonsac" in out
-
-
-def test_as_a_module_without_compiling(tmp_path):
-    done = subprocess_nonsac("--version")
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"nonsac {nonsac.__version__}\n", "")
-    done = subprocess_nonsac("register-clouds", "none.ply", "none.ply", cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "nonsac: none.ply: no such file; check the path\n"
-
-
-def test_compiling_is_announced_once(capsys):
-    numba = pytest.importorskip("numba")
-    with cli._compiling_noted(quiet=False):
-        for number in (1, 1.0, 1j):
-            numba.njit(lambda x: x + 1)(number)
-    assert capsys.readouterr().err == "nonsac: compiling kernels (first run only) ...\n"
-    with cli._compiling_noted(quiet=True):
-        numba.njit(lambda x: x + 2)(1)
-    assert capsys.readouterr().err == ""
-
-
-def test_progress_only_on_a_terminal(monkeypatch, capsys):
-    with cli._progress_bar(quiet=False, unit="samples") as progress:
-        progress(1, 2)
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    with cli._progress_bar(quiet=False, unit="samples") as progress:
-        progress(1, 2)
-    captured = capsys.readouterr()
-    assert "samples" in captured.err
-    assert captured.out == ""

@@ -1,0 +1,87 @@
+"""The command line. Results go to stdout, everything else to stderr; exit 0 trusted, 1 not trusted, 2 bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+
+# The rest of nonsac is imported where it is needed: `--help` and a mistyped option answer at once.
+from nonsac.cli.messages import say, tell
+from nonsac.cli.poses import absolute_pose, relative_pose
+from nonsac.cli.registration import demo, register_clouds, register_pairs
+from nonsac.cli.reproduce import table4
+from nonsac.cli.warmup import warmup
+
+# Click's own type, which newer versions of typer carry inside themselves.
+_UsageError: Any = typer.BadParameter.__bases__[0]
+
+_INTERRUPTED = 130
+
+_SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}
+app = typer.Typer(help="Robust geometric estimation from data too large or too dirty for anything else.", **_SETTINGS)
+for command in (register_clouds, register_pairs, relative_pose, absolute_pose, demo, warmup):
+    app.command()(command)
+reproduce = typer.Typer(help="Run the paper's experiments.", **_SETTINGS)
+reproduce.command()(table4)
+app.add_typer(reproduce, name="reproduce")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        What follows `nonsac`; by default that of the process.
+
+    Returns
+    -------
+    int
+        The exit code: 0 trusted, 1 not trusted, 2 bad usage or input, 130 interrupted.
+    """
+    try:
+        code = int(app(arguments, prog_name="nonsac", standalone_mode=False) or 0)
+    except (KeyboardInterrupt, typer.Abort):
+        code = _INTERRUPTED
+    except _UsageError as error:
+        say(error.format_message())
+        return 2
+    except OSError as error:
+        say(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return 2
+    except ValueError as error:
+        say(str(error))
+        return 2
+    if code == _INTERRUPTED:  # some versions of typer raise, others return it
+        say("interrupted")
+    return code
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        tell(f"nonsac {version('nonsac')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _nonsac(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    _help_without_command(context)
+
+
+@reproduce.callback(invoke_without_command=True)
+def _reproduce(context: typer.Context) -> None:
+    _help_without_command(context)
+
+
+def _help_without_command(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        tell(context.get_help())

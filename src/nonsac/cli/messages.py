@@ -1,0 +1,22 @@
+"""What goes to stdout, and what goes to stderr."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+
+def tell(text: str) -> None:
+    """On stdout."""
+    typer.echo(text)
+
+
+def say(message: str) -> None:
+    """One line on stderr."""
+    typer.echo(f"nonsac: {' '.join(message.split())}", err=True)
+
+
+def wrote(path: Path, what: str, quietly: bool) -> None:
+    if not quietly:
+        tell(f"wrote {path}: {what}")

@@ -1,0 +1,133 @@
+"""Options that several commands share, and their checks."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from nonsac.camera import Camera
+    from nonsac.result import Array
+
+
+def positive(value: float | None) -> float | None:
+    if value is not None and not 0 < value < float("inf"):
+        raise typer.BadParameter(f"{value:g} is not a positive number")
+    return value
+
+
+def scale(text: str) -> str:
+    """Checked here, used as `scale_of`: typer knows no type `float | "free"`."""
+    if text != "free":
+        try:
+            positive(float(text))
+        except ValueError:
+            raise typer.BadParameter(f"{text!r} is neither a positive number nor 'free'") from None
+    return text
+
+
+def scale_of(text: str) -> float | None:
+    return None if text == "free" else float(text)
+
+
+def camera(text: str | None) -> str | None:
+    """Checked here, used as `camera_of`: a type of the package itself would have to be imported for `--help`."""
+    if text is not None:
+        camera_of(text)
+    return text
+
+
+def camera_of(text: str) -> Camera:
+    """A line of COLMAP's cameras.txt, four numbers, or the file of a matrix K."""
+    from nonsac.camera import Camera
+
+    words = text.replace(",", " ").split()
+    try:
+        if os.path.isfile(text):
+            return Camera.parse(_read_matrix(Path(text)), text)
+        if words and _are_numbers(words):
+            return Camera("PINHOLE", tuple(map(float, words)))
+        if len(words) > 1:
+            return Camera.parse(text, "camera")
+    except ValueError as error:
+        raise typer.BadParameter(str(error).removeprefix("camera: ")) from None
+    raise typer.BadParameter(f"{text!r} is neither a file nor a camera such as '{_A_CAMERA}' or 1000,1000,800,600")
+
+
+_A_CAMERA = "PINHOLE 1600 1200 1000 1000 800 600"
+
+
+def _read_matrix(path: Path) -> Array:
+    from nonsac.io.errors import input_error
+    from nonsac.io.text import read_table
+
+    table = read_table(path)
+    shape = (sum(1 for _ in table.rows()), len(table.first_row()))
+    if shape != (3, 3):
+        raise input_error(
+            path, f"holds {shape[0]} rows of {shape[1]} columns", "write K as three lines of three numbers"
+        )
+    return table.numbers(range(3))
+
+
+def _are_numbers(words: list[str]) -> bool:
+    from nonsac.io.text import is_number
+
+    return all(map(is_number, words))
+
+
+_SAMPLE_SIZE = "Rows in each sample."
+_CAMERA = f"As in COLMAP's cameras.txt ('{_A_CAMERA}'), or fx,fy,cx,cy, or a file of K (three lines of three numbers)"
+
+Samples = Annotated[int, typer.Option(min=1, help="Draw at most this many samples.")]
+SampleSizeOf3 = Annotated[int, typer.Option("--sample-size", min=3, help=_SAMPLE_SIZE)]
+SampleSizeOf5 = Annotated[int, typer.Option("--sample-size", min=5, help=_SAMPLE_SIZE)]
+Seed = Annotated[int, typer.Option(min=0, help="Same seed, same answer.")]
+Workers = Annotated[int | None, typer.Option(min=1, show_default="all cores", help="Number of threads.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no notes; warnings and errors remain.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Write the result to stdout as JSON, and nothing else there.")]
+Transform = Annotated[Path | None, typer.Option("--output", metavar="FILE", help="Write T as 4x4 text with 17 digits.")]
+Inliers = Annotated[
+    Path | None,
+    typer.Option(
+        "--save-inliers",
+        metavar="FILE",
+        help="Write which rows are inliers: bool (.npy), or 0 or 1 a line (.txt, .csv).",
+    ),
+]
+PoseNoise = Annotated[
+    float | None,
+    typer.Option(
+        callback=positive,
+        show_default="0.5 where there is a camera",
+        help="Standard deviation of a right match, in pixels; without a camera in normalised coordinates, and needed.",
+    ),
+]
+Camera1 = Annotated[
+    str | None,
+    typer.Option(
+        callback=camera,
+        metavar="CAMERA",
+        show_default="that of the file",
+        help=f"Camera of the first image. {_CAMERA}.",
+    ),
+]
+Camera2 = Annotated[
+    str | None,
+    typer.Option(
+        callback=camera,
+        metavar="CAMERA",
+        show_default="that of the file, else of the first image",
+        help="Camera of the second image, likewise.",
+    ),
+]
+OneCamera = Annotated[
+    str | None,
+    typer.Option("--camera", callback=camera, metavar="CAMERA", show_default="that of the file", help=f"{_CAMERA}."),
+]
+Photo = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="The image, to be drawn behind the points of --picture.")
+]

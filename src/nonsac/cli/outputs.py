@@ -1,0 +1,140 @@
+"""The files that a command writes: all are checked before the work, and written after the result is printed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from nonsac.cli.messages import say, tell, wrote
+
+if TYPE_CHECKING:
+    from nonsac.result import Result
+
+Draw = Callable[[Path, str], object]
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The files asked for. All are checked before the computation, so that nobody waits for a mistyped suffix."""
+
+    transform: Path | None = None
+    aligned: Path | None = None
+    inliers: Path | None = None
+    picture: Path | None = None
+    report: Path | None = None
+
+    def check(self, inputs: Iterable[tuple[str, str | Path | None]]) -> None:
+        """Refuse unknown suffixes, missing folders, and the same path twice; `inputs` are names and paths."""
+        from nonsac.io import check_target
+
+        taken = {os.path.realpath(path): name for name, path in inputs if path is not None}
+        for option, path, check_suffix in self._wanted():
+            try:
+                check_suffix(path)
+                check_target(path)
+            except ValueError as error:
+                raise typer.BadParameter(str(error), param_hint=repr(option)) from error
+            other = taken.setdefault(os.path.realpath(path), option)
+            if other != option:
+                raise typer.BadParameter(f"{path} is already used for {other}", param_hint=repr(option))
+
+    def _wanted(self) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
+        from nonsac.io.clouds import WRITERS, choose_by_suffix
+        from nonsac.plot import picture_suffix
+
+        checks: tuple[tuple[str, Path | None, Callable[[Path], object]], ...] = (
+            ("--output", self.transform, _text_suffix),
+            ("--save-aligned", self.aligned, lambda path: choose_by_suffix(path, WRITERS)),
+            ("--save-inliers", self.inliers, _mask_suffix),
+            ("--picture", self.picture, picture_suffix),
+            ("--json", self.report, lambda path: None),
+        )
+        return ((option, path, check) for option, path, check in checks if path is not None)
+
+    def write(self, result: Result, draw: Draw | None, quietly: bool) -> None:
+        """Write the transform, the inliers and the picture, and say so; there is no `draw` for data without points."""
+        from nonsac.io import write_transform
+
+        if self.transform is not None and worth_writing(self.transform, "T", result):
+            write_transform(self.transform, result.T)
+            wrote(self.transform, "T", quietly)
+        if self.inliers is not None and worth_writing(self.inliers, "the inliers of T", result):
+            _write_mask(self.inliers, result)
+            wrote(self.inliers, "which rows are inliers", quietly)
+        if self.picture is not None:
+            _write_picture(self.picture, result, draw, quietly)
+
+
+def show(result: Result, text: str, more: dict[str, Any], as_json: bool) -> None:
+    """Print a result, before any file is written, so that a full disk cannot take it away."""
+    tell(json.dumps(result.to_dict() | more, indent=1, allow_nan=False) if as_json else text)
+    if not result.success:
+        say(f"NOT TRUSTED ({result.status}): {result.status.explanation}")
+
+
+def exit_code(result: Result) -> typer.Exit:
+    return typer.Exit(0 if result.success else 1)
+
+
+def is_found(result: Result) -> bool:
+    import numpy as np
+
+    return bool(np.isfinite(result.T).all())
+
+
+def matrix_text(result: Result) -> str:
+    return "\n".join("  " + " ".join(f"{x:15.9g}" for x in row) for row in result.T)
+
+
+def worth_writing(path: Path, what: str, result: Result) -> bool:
+    """Whether there is an answer; says loudly where there is none, or one that is not to be trusted."""
+    found = is_found(result)
+    if not found:
+        say(f"{path} is NOT WRITTEN: no answer was found")
+    elif not result.success:
+        say(f"{path} holds {what}, and T is a guess that is NOT TRUSTED")
+    return found
+
+
+def _write_mask(path: Path, result: Result) -> None:
+    import numpy as np
+
+    from nonsac.io import write_atomically
+
+    def write(temporary: Path) -> None:
+        if path.suffix.lower() == ".npy":
+            np.save(temporary, result.inliers)
+        else:
+            np.savetxt(temporary, result.inliers, fmt="%d")
+
+    write_atomically(path, write)
+
+
+def _write_picture(path: Path, result: Result, draw: Draw | None, quietly: bool) -> None:
+    if draw is None:
+        say(f"{path} is NOT WRITTEN: there is no finite point to draw")
+        return
+    title = f"trusted, {100 * result.inlier_ratio:.0f} % inliers"
+    if not result.success:
+        title = f"NOT TRUSTED: {result.status.replace('_', ' ')}"
+    draw(path, title)
+    wrote(path, "the picture", quietly)
+
+
+def _text_suffix(path: Path) -> None:
+    from nonsac.io.clouds import READERS, TEXT_SUFFIXES
+
+    others = {*READERS, ".png", ".pdf", ".svg", ".parquet", ".h5", ".db"} - set(TEXT_SUFFIXES)
+    if path.suffix.lower() in others:
+        raise ValueError(f"{path}: T is written as text; end the name in .txt")
+
+
+def _mask_suffix(path: Path) -> None:
+    if path.suffix.lower() not in (".npy", ".txt", ".csv"):
+        raise ValueError(f"{path}: the inliers are written as .npy, .txt or .csv; end the name in one of these")
