@@ -121,6 +121,23 @@ def sampson(model, rows, focal1=1.0, focal2=1.0):
     return np.abs(signed_sampson(model, rows, focal1, focal2))
 
 
+def ray_depths(model, row):
+    """Depths d1, d2 at which the rays of a match come nearest to each other: d1 R x1 + t = d2 x2 by least squares."""
+    first, second = model[:, :3] @ [row[0], row[1], 1], np.array([row[2], row[3], 1])
+    return np.linalg.lstsq(np.column_stack([-first, second]), model[:, 3], rcond=None)[0]
+
+
+def epipolar(model, rows, focal1=1.0, focal2=1.0):
+    """Sampson's distance, or the angle between the rays, as a distance, where they meet behind a camera."""
+    result = sampson(model, rows, focal1, focal2)
+    for i, row in enumerate(rows):
+        if (ray_depths(model, row) < 0).any():
+            first, second = (v / np.linalg.norm(v) for v in (model[:, :3] @ [*row[:2], 1], [*row[2:], 1]))
+            sine = np.linalg.norm(np.cross(first, second))
+            result[i] = max(result[i], np.sqrt(focal1 * focal2) * sine) if first @ second > 0 else np.inf
+    return result
+
+
 def image_errors(model, rows, focal=1.0):
     """Where a camera sees points less where they were seen (n, 2), in pixels; infinite for points not in front."""
     result = []

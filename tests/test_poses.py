@@ -66,7 +66,7 @@ def test_absolute_pose_finds_the_pose(outliers):
 def test_more_rows_than_samples_are_fitted_than_searched():
     matches = simulate.relative_pose(60_000, 0.5, 0.002, rng=1)
     result = relative_pose(matches.points1, matches.points2, noise=0.002, sample_size=500)
-    assert 2 <= len(result.hypotheses) < 10  # two samples agree, and the others are not needed
+    assert 3 <= len(result.hypotheses) < 10  # three samples agree, and the others are not needed
     assert result.num_rows == 500 * len(result.hypotheses)
     unpolished = relative_pose(matches.points1, matches.points2, noise=0.002, sample_size=500, refine="union")
     assert rotation_error(result.R, matches.T[:3, :3]) < 0.5 * rotation_error(unpolished.R, matches.T[:3, :3])
@@ -347,6 +347,15 @@ def test_pixels_without_a_camera_are_warned_of_at_the_callers_line(rng):
     assert [str(w.message).split(" look")[0] for w in caught] == ["points1", "points2"]
     assert "look like pixels" in str(caught[0].message)
     assert {(w.filename, w.lineno) for w in caught} == {(__file__, line)}
+
+
+def test_pixels_without_a_camera_are_never_trusted():
+    matches = simulate.relative_pose(500, 0.2, 0.0, rng=1)
+    camera = Camera.parse(CAMERA)
+    with pytest.warns(UserWarning, match="look like pixels"):
+        result = relative_pose(camera.project(matches.points1), camera.project(matches.points2), noise=1.0)
+    assert result.status is Status.DEGENERATE
+    assert result.confidence == 0.0
 
 
 def test_normalised_points_with_a_camera_are_warned_of(rng):

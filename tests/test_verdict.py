@@ -54,7 +54,7 @@ def test_collinear_inliers_are_degenerate():
 
 
 def test_the_chance_is_a_binomial_tail_times_the_number_of_models():
-    model, rows = scene(3, right=8)
+    model, rows = scene(3, right=7)
     inliers = (naive.residuals(model, rows) < THRESHOLD).sum()
     rate = chance_rate(Registration(), model, rows, THRESHOLD)
     for tested in (1, 2, 50):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -18,7 +18,7 @@ from nonsac.executors import Workers
 from nonsac.pipeline import estimate
 from nonsac.problems import AbsolutePose, Problem, RelativePose, Weighted
 from nonsac.refine import Refiner
-from nonsac.result import Array, Hypothesis, Result
+from nonsac.result import Array, Hypothesis, Result, Status
 from nonsac.scoring import ScoringRule
 from nonsac.sources import JoinedSource
 
@@ -63,7 +63,7 @@ def relative_pose(
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit: the certainty of a dense matcher, say.
     samples, sample_size : int
-        At most this many non-minimal samples, and rows in each; fewer where two of them lead to the same pose. Where
+        At most this many non-minimal samples, and rows in each; fewer where three of them lead to the same pose. Where
         all rows fit into one sample, one is drawn and searched with the budget of all.
     estimator, rule, refine, workers, rng, progress
         As in `nonsac.estimate`; the default estimator is `Ransac` with the five-point method, local optimisation and
@@ -88,14 +88,14 @@ def relative_pose(
         raise ValueError("camera1 must be given where camera2 is")
     first = None if camera1 is None else Camera.parse(camera1, "camera1")
     second = first if camera2 is None else Camera.parse(camera2, "camera2")
-    _warn_wrong_unit(a, "points1", first, "camera1")
-    _warn_wrong_unit(b, "points2", second, "camera2")
+    wrong_unit = [_warn_wrong_unit(a, "points1", first, "camera1"), _warn_wrong_unit(b, "points2", second, "camera2")]
     problem = RelativePose() if first is None or second is None else RelativePose(first.focal, second.focal)
     return _estimate(
         [a, b],
         [_normaliser(first), _normaliser(second)],
         problem,
         weights_argument(weights, len(a)),
+        any(wrong_unit),
         noise=_noise(noise, first),
         samples=samples,
         sample_size=sample_size,
@@ -161,12 +161,13 @@ def absolute_pose(
             f"absolute_pose needs points2d[i] to match points3d[i]; got {len(image)} and {len(world)} rows"
         )
     parsed = None if camera is None else Camera.parse(camera, "camera")
-    _warn_wrong_unit(image, "points2d", parsed, "camera")
+    wrong_unit = [_warn_wrong_unit(image, "points2d", parsed, "camera")]
     return _estimate(
         [image, world],
         [_normaliser(parsed), None],
         AbsolutePose() if parsed is None else AbsolutePose(parsed.focal),
         weights_argument(weights, len(image)),
+        any(wrong_unit),
         noise=_noise(noise, parsed),
         samples=samples,
         sample_size=sample_size,
@@ -181,17 +182,19 @@ def absolute_pose(
 
 @dataclass(frozen=True)
 class Corroborated:
-    """Stop when two samples, which share no rows or few, have led to the same pose.
+    """Stop when several samples, which share no rows or few, have led to the same pose.
 
-    Wrong poses agree so closely by chance in a few of a million pairs; whether the pose is right is for the verdict.
+    Poses that catch part of the structure are found again, too, but they scatter by more than a degree. Whether the
+    pose is right is for the verdict.
     """
 
-    rotation_deg: float = 3.0
-    direction_deg: float = 15.0
+    count: int = 3
+    rotation_deg: float = 1.0
+    direction_deg: float = 5.0
 
     def __call__(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> bool:
         found = [h.model for h in hypotheses if h.found]
-        return any(self._same(problem, other, found[-1]) for other in found[:-1])
+        return len(found) >= self.count and sum(self._same(problem, a, found[-1]) for a in found) >= self.count
 
     def _same(self, problem: Problem, a: Array, b: Array) -> bool:
         if not problem.distance(a, b) < self.rotation_deg:
@@ -205,18 +208,24 @@ def _estimate(
     maps: list[Callable[[Array], Array] | None],
     problem: Problem,
     weights: Array | None,
+    wrong_unit: bool,
     estimator: Estimator | None,
     **settings: Any,
 ) -> Result:
     if weights is not None:
         problem, arrays, maps = Weighted(problem), [*arrays, weights[:, None]], [*maps, None]
     if estimator is None:
-        estimator = Ransac(10_000, confidence=0.9999, local_optimisation=True)
+        estimator = Ransac(20_000, confidence=0.9999, local_optimisation=True)
     result = estimate(JoinedSource(arrays, maps), problem, estimator, stop=Corroborated(), **settings)
     dropped = result.info.get("dropped_rows", 0)
     if dropped:
         message = f"dropped {dropped} sampled rows that are NaN or infinite, or that the lens maps no ray to"
         warnings.warn(message, stacklevel=3)
+    if wrong_unit and result.status in (
+        Status.OK,
+        Status.AMBIGUOUS,
+    ):  # what fits nearly parallel rays, or one point, is no pose
+        result = replace(result, status=Status.DEGENERATE, confidence=0.0)
     return result
 
 
@@ -237,14 +246,17 @@ def _noise(noise: float | None, camera: Camera | None) -> float:
     return float(noise)
 
 
-def _warn_wrong_unit(points: NDArray[Any], name: str, camera: Camera | None, camera_name: str) -> None:
-    """Warn of pixels without a camera, and of normalised coordinates with one, going by some of the points."""
+def _warn_wrong_unit(points: NDArray[Any], name: str, camera: Camera | None, camera_name: str) -> bool:
+    """Whether these are pixels without a camera, or normalised coordinates with one, going by some; and warn of it."""
     some = np.abs(points[:: max(1, len(points) // 1000)].astype(np.float64))
     some = some[np.isfinite(some)]
     typical = float(np.median(some)) if len(some) else 1.0
     if camera is None and typical > _LARGEST_NORMALISED:
         message = f"{name} look like pixels (median size {typical:.3g}), not like normalised image coordinates: "
         warnings.warn(f"{message}pass {camera_name}", stacklevel=3)
+        return True
     if camera is not None and len(some) and some.max() < _LARGEST_NORMALISED < 0.1 * camera.focal:
         message = f"{name} look like normalised image coordinates (at most {some.max():.3g}), not like pixels: "
         warnings.warn(f"{message}leave {camera_name} out, and give noise in their unit", stacklevel=3)
+        return True
+    return False

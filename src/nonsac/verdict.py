@@ -91,7 +91,7 @@ def chance_rate(problem: Problem, model: Array, rows: Array, threshold: float) -
     Half a count is added to be safe.
     """
     n = len(rows)
-    size = min(40_000, max(10_000, 10 * n))
+    size = min(40_000, max(6_000, 10 * n))
     rng = np.random.default_rng(n)
     first = rng.integers(n, size=size)
     second = (first + rng.integers(1, n, size=size)) % n

@@ -7,15 +7,16 @@ import pytest
 
 import naive
 import nonsac.estimators
-from nonsac.estimators import Estimator, OrientedPairs, Pcr99
+from nonsac.estimators import Estimator, OrientedPairs, Pcr99, Ransac
 from nonsac.overlap import Overlap
-from nonsac.problems import OrientedRegistration, Registration
+from nonsac.problems import AbsolutePose, OrientedRegistration, Registration, RelativePose
 from nonsac.result import Hypothesis
 from nonsac.sources import AllPairsSource
 from nonsac.surfaces import Surface
 
 THRESHOLD = 0.05
 TRUTH = naive.random_model(np.random.default_rng(8), spread=0.5)
+POSE = naive.random_pose(np.random.default_rng(8))
 
 
 def matched_rows(rng, n=600, outliers=0.9):
@@ -23,6 +24,18 @@ def matched_rows(rng, n=600, outliers=0.9):
     wrong = rng.permutation(n)[: int(outliers * n)]
     rows[wrong, 3:] = rng.standard_normal((len(wrong), 3)) + TRUTH[:, 3]
     return rows
+
+
+def image_rows(make_rows, focal=1.0):
+    """A maker of rows with half of them wrong, and noise of a fifth of the threshold in pixels."""
+
+    def make(rng, n=400):
+        rows = make_rows(rng, n, POSE, THRESHOLD / 5 / focal)
+        wrong = rng.permutation(n)[: n // 2]
+        rows[wrong, :2] = rng.uniform(-1, 1, (len(wrong), 2))
+        return rows
+
+    return make
 
 
 def two_clouds():
@@ -46,6 +59,26 @@ def oriented_example(rng):
     return estimator, OrientedRegistration(), rows, overlap.reach
 
 
+def ransac_example(problem, make_rows, **settings):
+    return lambda rng: (Ransac(2000, **settings), problem, make_rows(rng), THRESHOLD)
+
+
+# Every problem with every combination of options.
+RANSAC_EXAMPLES = {
+    f"Ransac {problem_name}{options_name}": ransac_example(problem, make_rows, **settings)
+    for problem_name, problem, make_rows in (
+        ("relative pose", RelativePose(10.0, 15.0), image_rows(naive.two_view_rows, 10.0)),
+        ("absolute pose", AbsolutePose(10.0), image_rows(naive.one_view_rows, 10.0)),
+        ("registration", Registration(), lambda rng: matched_rows(rng, outliers=0.6)),
+    )
+    for options_name, settings in (
+        ("", {}),
+        (", confident", {"confidence": 0.999}),
+        (", optimised", {"local_optimisation": True}),
+        (", both", {"confidence": 0.999, "local_optimisation": True}),
+    )
+}
+
 # Name -> an estimator, its problem, a maker of rows with many outliers, and the threshold.
 EXAMPLES = {
     "Pcr99 published": lambda rng: (Pcr99(max_drawn=20_000), Registration(), matched_rows(rng), THRESHOLD),
@@ -59,12 +92,18 @@ EXAMPLES = {
         THRESHOLD,
     ),
     "OrientedPairs": oriented_example,
+    **RANSAC_EXAMPLES,
 }
+GENERIC = set(RANSAC_EXAMPLES)  # names of estimators that take any problem
 
 
 @pytest.fixture(params=EXAMPLES)
 def example(request, rng):
     return EXAMPLES[request.param](rng)
+
+
+def truth_of(problem):
+    return POSE if isinstance(problem, (AbsolutePose, RelativePose)) else TRUTH
 
 
 def estimate(estimator, problem, rows, threshold, seed=0):
@@ -84,7 +123,7 @@ def test_finds_the_motion_among_outliers(example):
     assert hypothesis.found
     assert hypothesis.model.shape == (3, 4)
     assert hypothesis.threshold == threshold
-    assert naive.angle_between(hypothesis.model, TRUTH) < 5.0
+    assert naive.angle_between(hypothesis.model, truth_of(example[1])) < 5.0
     assert hypothesis.num_inliers > 10
     assert hypothesis.tested > 1
 
@@ -132,7 +171,18 @@ def test_a_larger_budget_is_another_estimator(example):
     assert estimate(larger, *example[1:]).tested >= estimate(*example).tested
 
 
-def test_a_problem_it_cannot_solve_is_refused_by_name(example):
-    estimator, _, rows, threshold = example
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in GENERIC])
+def test_a_problem_it_cannot_solve_is_refused_by_name(rng, name):
+    estimator, _, rows, threshold = EXAMPLES[name](rng)
     with pytest.raises(TypeError, match=rf"{type(estimator).__name__} .* got Shift"):
         estimate(estimator, naive.Shift(), rows, threshold)
+
+
+@pytest.mark.parametrize("name", sorted(GENERIC))
+def test_a_generic_one_solves_any_problem(rng, name):
+    estimator, *_ = EXAMPLES[name](rng)
+    rows = rng.uniform(-1, 1, (300, 2))
+    rows[:100, 1] = rows[:100, 0] + rng.normal(0.3, THRESHOLD / 5, 100)
+    hypothesis = estimate(estimator, naive.Shift(), rows, THRESHOLD)
+    assert hypothesis.model[0, 3] == pytest.approx(0.3, abs=0.03)
+    assert hypothesis.num_inliers > 90

@@ -106,11 +106,11 @@ EXAMPLES = {
     "absolute pose in pixels": absolute(800.0, 2.0),
     "weighted": Example(Weighted(Registration()), make_rows=rows_with_weights(naive.matching_rows, 1.0)),
     "weighted pose": Example(
-        Weighted(RelativePose(800.0)),
+        Weighted(RelativePose(800.0, 1200.0)),
         naive.random_pose,
         rows_with_weights(naive.two_view_rows, 3.0),
         lambda model, rows, residuals: np.column_stack(
-            [add_across_epipolar_line(800.0)(model, rows[:, :4], residuals), rows[:, 4]]
+            [add_across_epipolar_line(800.0, 1200.0)(model, rows[:, :4], residuals), rows[:, 4]]
         ),
         start=lambda rng, model: naive.nudged(rng, model, 3.0, direction=True),
     ),

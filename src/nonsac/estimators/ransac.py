@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
@@ -42,13 +42,15 @@ class Ransac:
     def __post_init__(self) -> None:
         if not isinstance(self.iterations, Integral) or isinstance(self.iterations, bool) or self.iterations < 1:
             raise ValueError(f"iterations must be an integer of at least 1, got {self.iterations!r}")
-        if self.confidence is not None and not 0.0 < self.confidence < 1.0:
+        if self.confidence is None:
+            return
+        if not isinstance(self.confidence, Real) or not 0.0 < self.confidence < 1.0:
             raise ValueError(f"confidence must be None or between 0 and 1, got {self.confidence!r}")
 
     def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
         weights = row_weights(problem, rows)
         model, cost, most, support, tested = np.full((3, 4), np.nan), np.inf, 0.0, 0.0, 0
-        drawn, needed, batch = 0, self.iterations, _FIRST_BATCH
+        drawn, needed, batch = 0, self.iterations if len(rows) >= problem.minimal_size else 0, _FIRST_BATCH
         while drawn < needed:
             size = min(batch, needed - drawn)
             models = problem.solve_minimal(rows[minimal_samples(len(rows), problem.minimal_size, size, rng, weights)])

@@ -62,52 +62,75 @@ def find_depths(sample, rays, depths):
     # x^2 - 2 m12 x y + (1 - a) y^2 + 2 a m23 y - a = 0 and x^2 - b y^2 - 2 m13 x + 2 b m23 y + 1 - b = 0.
     p0, p1, p2, p3, p4, p5 = 1.0, -m12, 1.0 - a, 0.0, a * m23, -a
     q0, q1, q2, q3, q4, q5 = 1.0, 0.0, -b, -m13, b * m23, 1.0 - b
-    # det(P + s Q) = c3 s^3 + c2 s^2 + c1 s + c0, through the cofactors of both.
+    # det(s P + t Q) = c0 s^3 + c1 s^2 t + c2 s t^2 + c3 t^3, through the cofactors of both.
     f0, f1, f2, f3, f4, f5 = _cofactors(p0, p1, p2, p3, p4, p5)
     g0, g1, g2, g3, g4, g5 = _cofactors(q0, q1, q2, q3, q4, q5)
     c0 = p0 * f0 + p1 * f1 + p3 * f3
     c1 = q0 * f0 + 2.0 * q1 * f1 + q2 * f2 + 2.0 * q3 * f3 + 2.0 * q4 * f4 + q5 * f5
     c2 = p0 * g0 + 2.0 * p1 * g1 + p2 * g2 + 2.0 * p3 * g3 + 2.0 * p4 * g4 + p5 * g5
     c3 = q0 * g0 + q1 * g1 + q3 * g3
-    r0, r1, r2, roots = cubic_roots(c3, c2, c1, c0)
-    for k in range(roots):
-        s = r0 if k == 0 else (r1 if k == 1 else r2)
-        d0, d1, d2 = p0 + s * q0, p1 + s * q1, p2 + s * q2
-        d3, d4, d5 = p3 + s * q3, p4 + s * q4, p5 + s * q5
-        h0, h1, h2, h3, h4, h5 = _cofactors(d0, d1, d2, d3, d4, d5)
-        # The point where the lines meet is a column of the cofactors; they are real where its square is negative.
-        if h0 <= h2 and h0 <= h5:
-            size, x, y, z = h0, h0, h1, h3
-        elif h2 <= h5:
-            size, x, y, z = h2, h1, h2, h4
-        else:
-            size, x, y, z = h5, h3, h4, h5
-        if not size < 0.0:
-            continue
-        scale = 1.0 / np.sqrt(-size)
-        x, y, z = scale * x, scale * y, scale * z
-        # D + [x]x is the product of the two lines.
-        n00, n01, n02 = d0, d1 - z, d3 + y
-        n10, n11, n12 = d1 + z, d2, d4 - x
-        n20, n21, n22 = d3 - y, d4 + x, d5
-        r = n00 * n00 + n01 * n01 + n02 * n02
-        line0, line1, line2 = n00, n01, n02
-        if n10 * n10 + n11 * n11 + n12 * n12 > r:
-            r = n10 * n10 + n11 * n11 + n12 * n12
-            line0, line1, line2 = n10, n11, n12
-        if n20 * n20 + n21 * n21 + n22 * n22 > r:
-            line0, line1, line2 = n20, n21, n22
-        r = n00 * n00 + n10 * n10 + n20 * n20
-        other0, other1, other2 = n00, n10, n20
-        if n01 * n01 + n11 * n11 + n21 * n21 > r:
-            r = n01 * n01 + n11 * n11 + n21 * n21
-            other0, other1, other2 = n01, n11, n21
-        if n02 * n02 + n12 * n12 + n22 * n22 > r:
-            other0, other1, other2 = n02, n12, n22
-        count = 0
-        count += _meet(line0, line1, line2, a, b, m12, m13, m23, unit, depths[count:])
-        return count + _meet(other0, other1, other2, a, b, m12, m13, m23, unit, depths[count:])
-    return 0
+    # Symmetric views make P or Q itself degenerate: the larger coefficient leads, so that this is a root 0.
+    of_p = abs(c0) > abs(c3)
+    if of_p:
+        r0, r1, r2, roots = cubic_roots(c0, c1, c2, c3)
+    else:
+        r0, r1, r2, roots = cubic_roots(c3, c2, c1, c0)
+    best, s, t = 0.0, 0.0, 1.0  # without roots, P and Q are both degenerate
+    for k in range(max(1, roots)):
+        root = (r0 if k == 0 else (r1 if k == 1 else r2)) if roots > 0 else 0.0
+        u, v = (root, 1.0) if of_p else (1.0, root)
+        if roots == 0:
+            u, v = 0.0, 1.0
+        norm = 1.0 / (u * u + v * v)
+        spread = norm * _line_spread(
+            u * p0 + v * q0, u * p1 + v * q1, u * p2 + v * q2, u * p3 + v * q3, u * p4 + v * q4, u * p5 + v * q5
+        )
+        if spread > best:
+            best, s, t = spread, u, v
+    if best == 0.0:
+        return 0
+    d0, d1, d2 = s * p0 + t * q0, s * p1 + t * q1, s * p2 + t * q2
+    d3, d4, d5 = s * p3 + t * q3, s * p4 + t * q4, s * p5 + t * q5
+    h0, h1, h2, h3, h4, h5 = _cofactors(d0, d1, d2, d3, d4, d5)
+    # The lines meet in a column of the cofactors.
+    if h0 <= h2 and h0 <= h5:
+        size, x, y, z = h0, h0, h1, h3
+    elif h2 <= h5:
+        size, x, y, z = h2, h1, h2, h4
+    else:
+        size, x, y, z = h5, h3, h4, h5
+    scale = 1.0 / np.sqrt(-size)
+    x, y, z = scale * x, scale * y, scale * z
+    # D + [x]x is the product of the two lines.
+    n00, n01, n02 = d0, d1 - z, d3 + y
+    n10, n11, n12 = d1 + z, d2, d4 - x
+    n20, n21, n22 = d3 - y, d4 + x, d5
+    r = n00 * n00 + n01 * n01 + n02 * n02
+    line0, line1, line2 = n00, n01, n02
+    if n10 * n10 + n11 * n11 + n12 * n12 > r:
+        r = n10 * n10 + n11 * n11 + n12 * n12
+        line0, line1, line2 = n10, n11, n12
+    if n20 * n20 + n21 * n21 + n22 * n22 > r:
+        line0, line1, line2 = n20, n21, n22
+    r = n00 * n00 + n10 * n10 + n20 * n20
+    other0, other1, other2 = n00, n10, n20
+    if n01 * n01 + n11 * n11 + n21 * n21 > r:
+        r = n01 * n01 + n11 * n11 + n21 * n21
+        other0, other1, other2 = n01, n11, n21
+    if n02 * n02 + n12 * n12 + n22 * n22 > r:
+        other0, other1, other2 = n02, n12, n22
+    # On a line s P = -t Q, so the one with the larger factor is all but zero there, and tells nothing.
+    conic = (p0, p1, p2, p3, p4, p5) if abs(t) > abs(s) else (q0, q1, q2, q3, q4, q5)
+    triangle = (a, b, m12, m13, m23, unit)
+    count = 0
+    count += _meet((line0, line1, line2), conic, triangle, depths[count:])
+    return count + _meet((other0, other1, other2), conic, triangle, depths[count:])
+
+
+@kernel
+def _line_spread(d0, d1, d2, d3, d4, d5):
+    """How far apart the two lines of a degenerate conic are: 0 where they are not real."""
+    return max(0.0, d1 * d1 - d0 * d2, d3 * d3 - d0 * d5, d4 * d4 - d2 * d5)
 
 
 @kernel
@@ -163,8 +186,11 @@ def _polished(x, b, c, d):
 
 
 @kernel
-def _meet(l0, l1, l2, a, b, m12, m13, m23, unit, depths):
-    """Write the depths at the points where a line meets the second conic; returns how many: at most two."""
+def _meet(line, conic, triangle, depths):
+    """Write the depths at the points where a line meets a conic; returns how many: at most two."""
+    l0, l1, l2 = line
+    xx, xy, yy, cx, cy, one = conic
+    a, b, m12, m13, m23, unit = triangle
     # Eliminate the variable with the larger coefficient: x = p y + q, or y = p x + q.
     for_x = abs(l0) > abs(l1)
     pivot = l0 if for_x else l1
@@ -172,9 +198,9 @@ def _meet(l0, l1, l2, a, b, m12, m13, m23, unit, depths):
         return 0
     p, q = -(l1 if for_x else l0) / pivot, -l2 / pivot
     if for_x:
-        e, f, g = p * p - b, p * q - m13 * p + b * m23, q * q - 2.0 * m13 * q + 1.0 - b
+        e, f, g = (xx * p + 2.0 * xy) * p + yy, (xx * p + xy) * q + cx * p + cy, (xx * q + 2.0 * cx) * q + one
     else:
-        e, f, g = 1.0 - b * p * p, b * p * (m23 - q) - m13, 2.0 * b * m23 * q - b * q * q + 1.0 - b
+        e, f, g = (yy * p + 2.0 * xy) * p + xx, (yy * p + xy) * q + cy * p + cx, (yy * q + 2.0 * cy) * q + one
     square = f * f - e * g
     if square < 0.0:
         if square < -1e-12 * f * f:

@@ -1,4 +1,9 @@
-"""Real roots of polynomials, by Sturm's theorem and safeguarded Newton steps."""
+"""Real roots of polynomials, by Sturm's theorem and safeguarded Newton steps.
+
+Polynomials are worked on side by side, one in each lane: number i of lane s is stored at `LANES * i + s`. Loops over
+the lanes vectorise, since their length and all strides in them are known when compiling. With 8 lanes they would not:
+in loops that short, LLVM does not compare addresses at run time to see that arrays do not overlap.
+"""
 
 from __future__ import annotations
 
@@ -8,219 +13,251 @@ import numpy as np
 
 from nonsac.kernels._jit import kernel, reordered_kernel
 
+LANES = 16
+# The most roots of all lanes together.
+ROOTS = 10 * LANES
+
+_POINTS = 16
+_END = 0.99999
+
 
 class RootWork(NamedTuple):
     """Scratch memory of `real_roots`."""
 
-    remainders: np.ndarray  # (2, 16)
-    chain: np.ndarray  # (11, 3)
-    points: np.ndarray  # (16,)
-    changes: np.ndarray  # (16,) int32
-    stack: np.ndarray  # (40, 2)
-    brackets: np.ndarray  # (10, 2)
-    lanes: np.ndarray  # (256,)
+    remainders: np.ndarray  # (2, 11 * LANES)
+    chains: np.ndarray  # (31 * LANES,)
+    points: np.ndarray  # (_POINTS,)
+    changes: np.ndarray  # (_POINTS,)
+    waiting: np.ndarray  # (ROOTS, 5): lane, low, size, changes at both ends
+    brackets: np.ndarray  # (ROOTS + 1, 3): lane, low, high
+    counters: np.ndarray  # (2,) int64: how many are waiting, how many brackets
+    newton: np.ndarray  # (17 * ROOTS,)
 
 
 @kernel
 def new_root_work():
     return RootWork(
-        np.zeros((2, 16)),
-        np.zeros((11, 3)),
-        np.zeros(16),
-        np.zeros(16, np.int32),
-        np.zeros((40, 2)),
-        np.zeros((10, 2)),
-        np.zeros(256),
+        np.zeros((2, 11 * LANES)),
+        np.zeros(31 * LANES),
+        np.zeros(_POINTS),
+        np.zeros(_POINTS),
+        np.zeros((ROOTS, 5)),
+        np.zeros((ROOTS + 1, 3)),
+        np.zeros(2, np.int64),
+        np.zeros(17 * ROOTS),
     )
 
 
-@reordered_kernel
-def sturm_chain(polynomial, work, chain):
-    """Write the Sturm chain of a polynomial of degree n as the quotients of Euclid's algorithm.
+@kernel
+def real_roots(polynomials, work, roots, found):
+    """Distinct real roots of polynomials of degree ten between -1e5 and 1e5, in no order.
 
-    With f_0 the polynomial and f_1 its derivative, f_k = (a_k x + b_k) f_{k+1} - c_k f_{k+2}, where every f is scaled
-    to a leading coefficient of 1 or -1. Evaluating the chain then costs three operations a step instead of k.
+    Sturm's theorem isolates them, Newton's method refines them until a step is below 1e-8, in x or, far from 0, in
+    1 / x. What is left is about the square of that, divided by the distance of the nearest other root. Roots that
+    are nearly multiple, to about 1e-4, may be missed, or found in the wrong number there.
 
     Parameters
     ----------
-    polynomial : (n + 1,) float64, highest power first, n >= 1
-    work : (2, n + 1) float64, overwritten
-    chain : (n + 1, 3) float64, receives a_k, b_k, c_k; `chain[steps, 0]` is the constant f_steps
+    polynomials : (11 * LANES,) float64, highest power first
+    work : RootWork
+    roots : (10 * LANES,) float64, NaN where a lane has no more roots
+    found : (LANES,) int64
+        Receives the number of roots of each lane. It is 0 for a polynomial that is not finite or not of degree ten, or
+        in whose Sturm chain a degree is missing, such as x^10 - 1.
 
     Returns
     -------
     int
-        The number of steps; below n where the polynomial has multiple roots.
+        The largest of `found`.
     """
-    degree = polynomial.shape[0] - 1
-    upper, lower = work[0], work[1]
-    for i in range(degree + 1):
-        upper[i] = polynomial[i]
-        lower[i] = polynomial[i] * (degree - i)
-    step = 0
-    n = degree
-    while True:
-        inverse = 1.0 / lower[0]
-        a = upper[0] * inverse
-        b = (upper[1] - a * lower[1] * (n > 1)) * inverse
-        chain[step, 0] = a
-        chain[step, 1] = b
-        chain[step, 2] = 0.0
-        step += 1
-        if n == 1:
-            break
-        for i in range(2, n):
-            upper[i] = b * lower[i - 1] + a * lower[i] - upper[i]
-        upper[n] = b * lower[n - 1] - upper[n]
-        scale = abs(upper[2])
-        if not scale > 1e-300:
-            break
-        inverse = 1.0 / scale
-        for i in range(n - 1):
-            remainder = upper[i + 2] * inverse
-            upper[i] = lower[i]
-            lower[i] = remainder
-        upper[n - 1] = lower[n - 1]
-        chain[step - 1, 2] = scale
-        n -= 1
-    chain[step, 0] = lower[0]
-    return step
+    sturm_chains(polynomials, work.remainders, work.chains)
+    isolate_roots(work)
+    count = work.counters[1]
+    load_newton(polynomials, work.brackets[:count], work.newton)
+    for start in range(0, count, LANES):
+        refine_roots(work.newton[start:])
+    roots[:] = np.nan
+    found[:] = 0
+    most = 0
+    for r in range(count):
+        lane = int(work.brackets[r, 0])
+        roots[LANES * found[lane] + lane] = work.newton[13 * ROOTS + r]
+        found[lane] += 1
+        most = max(most, found[lane])
+    return most
+
+
+@kernel
+def sturm_chains(polynomials, remainders, chains):
+    """Write the Sturm chains of polynomials of degree ten as the quotients of Euclid's algorithm.
+
+    With f_0 the polynomial and f_1 its derivative, f_k = (a_k x + b_k) f_{k+1} - c_k f_{k+2}, where f_2 and later
+    ones are scaled to a leading coefficient of 1 or -1. Evaluating the chain then costs three operations a step
+    instead of k.
+
+    Parameters
+    ----------
+    polynomials : (11 * LANES,) float64, highest power first
+    remainders : (2, 11 * LANES) float64, overwritten
+    chains : (31 * LANES,) float64
+        Receives a_0, b_0, c_0, a_1 ... c_9 and the constant f_10, which is NaN where a degree is missing.
+    """
+    upper, lower = remainders[0], remainders[1]
+    for i in range(11):
+        for s in range(LANES):
+            upper[LANES * i + s] = polynomials[LANES * i + s]
+            lower[LANES * i + s] = polynomials[LANES * i + s] * (10 - i)
+    for k in range(10):
+        _divide(upper, lower, chains[3 * LANES * k :])
+        upper, lower = lower, upper
+    for s in range(LANES):
+        chains[30 * LANES + s] = upper[s]
 
 
 @reordered_kernel
-def count_sign_changes(chain, steps, points, values, changes):
-    """Sign changes of the Sturm chain at some points (W,); `values` (2, W) is overwritten.
+def _divide(upper, lower, quotient):
+    """One step of Euclid's algorithm, upper = (a x + b) lower - c remainder; the remainder replaces `upper`."""
+    for s in range(LANES):
+        inverse = 1.0 / lower[s]
+        a = upper[s] * inverse
+        b = (upper[LANES + s] - a * lower[LANES + s]) * inverse
+        for i in range(2, 11):
+            remainder = b * lower[LANES * (i - 1) + s] + a * lower[LANES * i + s] - upper[LANES * i + s]
+            upper[LANES * (i - 2) + s] = remainder
+        c = abs(upper[s])
+        scale = 1.0 / c
+        for i in range(9):
+            upper[LANES * i + s] *= scale
+        quotient[s] = a
+        quotient[LANES + s] = b
+        quotient[2 * LANES + s] = c
+        upper[9 * LANES + s] = 0.0
+        upper[10 * LANES + s] = 0.0
+
+
+@kernel
+def isolate_roots(work):
+    """Intervals that hold one real root each, in `work.brackets`; their number in `work.counters`.
+
+    Intervals are cut in u with x = u / (1 - |u|), which maps (-1, 1) to the real line: at first the whole line, then
+    again those that hold several roots. Roots that are still together in an interval of 1e-7 count as one; roots
+    beyond |x| = 1e5 are not looked for.
+    """
+    points, changes, counters = work.points, work.changes, work.counters
+    counters[:] = 0
+    size = 2.0 * _END / (_POINTS - 1)
+    for lane in range(LANES):
+        _count_sign_changes(work.chains[lane:], -_END, size, points, changes)
+        _sort_intervals(lane, -_END, size, changes[0], min(changes[0], changes[_POINTS - 1]), work)
+    while counters[0] > 0:
+        counters[0] -= 1
+        interval = work.waiting[counters[0]]
+        lane, low, size, before, last = int(interval[0]), interval[1], interval[2], interval[3], interval[4]
+        _count_sign_changes(work.chains[lane:], low, size, points, changes)
+        _sort_intervals(lane, low, size, before, last, work)
+
+
+@reordered_kernel
+def _count_sign_changes(chain, low, size, points, changes):
+    """Sign changes of a lane's Sturm chain at points that are equally far from each other in u.
 
     The difference between two points is the number of distinct real roots between them.
     """
-    older, newer = values[0], values[1]
-    constant = chain[steps, 0]
-    for i in range(points.shape[0]):
-        older[i] = 0.0
-        newer[i] = constant
-        changes[i] = 0
-    for k in range(steps - 1, -1, -1):
-        a, b, c = chain[k, 0], chain[k, 1], chain[k, 2]
-        for i in range(points.shape[0]):
-            value = (a * points[i] + b) * newer[i] - c * older[i]
-            changes[i] += np.int32((value < 0.0) != (newer[i] < 0.0))
-            older[i] = newer[i]
-            newer[i] = value
+    for i in range(_POINTS):
+        u = low + i * size
+        x = u / (1.0 - abs(u))
+        older, newer, count = 0.0, chain[30 * LANES], 0.0
+        for j in range(10):
+            k = 3 * LANES * (9 - j)
+            value = (chain[k] * x + chain[k + LANES]) * newer - chain[k + 2 * LANES] * older
+            count += 1.0 if (value < 0.0) != (newer < 0.0) else 0.0
+            older = newer
+            newer = value
+        points[i] = x
+        changes[i] = count
 
 
 @kernel
-def isolate_roots(chain, steps, points, values, changes, stack, brackets):
-    """Intervals that hold one real root each, in `brackets` (n, 2); returns their number.
+def _sort_intervals(lane, low, size, before, last, work):
+    """Intervals between points: with one root to the brackets, with more to those that wait to be cut again.
 
-    Intervals are cut in u with x = u / (1 - |u|), which maps (-1, 1) to the real line: the first one at all `points`,
-    what holds several roots then at a few. Roots that are still together in an interval of 1e-7 count as one; roots
-    beyond |x| = 1e5 are not looked for.
+    `before` and `last` are the sign changes at the ends. Those in between are made to fall from one to the other, so
+    that rounding never adds a root. There are no branches, which the processor could not predict.
     """
-    stack[0, 0], stack[0, 1] = -0.99999, 0.99999
-    width = points.shape[0]
-    waiting, found = 1, 0
-    while waiting > 0:
-        waiting -= 1
-        low = stack[waiting, 0]
-        size = (stack[waiting, 1] - low) / (width - 1)
-        for i in range(width):
-            u = low + i * size
-            points[i] = u / (1.0 - abs(u))
-        count_sign_changes(chain, steps, points[:width], values, changes)
-        for i in range(width - 1):
-            roots = changes[i] - changes[i + 1]
-            if roots < 1 or found == brackets.shape[0]:
-                continue
-            if roots == 1 or size < 1e-7 or waiting == stack.shape[0]:
-                brackets[found, 0] = points[i]
-                brackets[found, 1] = points[i + 1]
-                found += 1
-            else:
-                stack[waiting, 0] = low + i * size
-                stack[waiting, 1] = low + (i + 1) * size
-                waiting += 1
-        width = min(8, points.shape[0])
-    return found
+    narrow = size < 1e-7
+    waiting, found = work.counters[0], work.counters[1]
+    for i in range(1, _POINTS):
+        after = max(last, min(before, work.changes[i])) if i < _POINTS - 1 else last
+        roots = before - after
+        bracket, interval = work.brackets[found], work.waiting[waiting]
+        bracket[0], bracket[1], bracket[2] = lane, work.points[i - 1], work.points[i]
+        interval[0], interval[1], interval[2] = lane, low + (i - 1) * size, size / (_POINTS - 1)
+        interval[3], interval[4] = before, after
+        found += (roots == 1.0) | ((roots > 1.0) & narrow)
+        waiting += (roots > 1.0) & (not narrow)
+        before = after
+    work.counters[0], work.counters[1] = waiting, found
+
+
+@kernel
+def load_newton(polynomials, brackets, newton):
+    """What `refine_roots` needs: ROOTS numbers of each kind, one for each bracket.
+
+    The coefficients come first, then at 11 and 12 the ends, at 15 the last step, at 16 whether the root is an inverse.
+    Brackets far from 0 are searched for the inverse of the root, a root of the reversed polynomial: Newton's method
+    creeps along x^10.
+    """
+    for r in range(brackets.shape[0]):
+        lane, low, high = int(brackets[r, 0]), brackets[r, 1], brackets[r, 2]
+        far = abs(low + high) > 2.0
+        position = 10 * LANES + lane if far else lane
+        stride = -LANES if far else LANES
+        for i in range(11):
+            newton[ROOTS * i + r] = polynomials[position]
+            position += stride
+        newton[11 * ROOTS + r] = 1.0 / high if far else low
+        newton[12 * ROOTS + r] = 1.0 / low if far else high
+        newton[15 * ROOTS + r] = 1.0
+        newton[16 * ROOTS + r] = 1.0 if far else 0.0
 
 
 @reordered_kernel
-def refine_roots(polynomial, brackets, count, lanes, roots):
-    """Newton's method in all brackets of a polynomial of degree ten at once, halving those that a step would leave.
+def refine_roots(newton):
+    """Newton's method in LANES brackets at once, halving those that a step would leave; the roots are put at 13.
 
-    Brackets far from 0 are searched for the inverse of the root, a root of the reversed polynomial: Newton's method
-    creeps along x^10.
-
-    `lanes` (256,) holds 16 numbers of each kind, one for each bracket: the coefficients from 0, the ends from 176 and
-    192, the root from 208, the value at the lower end from 224, the last step from 240. One array with strides that
-    are known when compiling, and loops of a multiple of eight, are what makes the compiler vectorise over brackets.
+    A root whose last step was below 1e-8 stays: its next step would be about the square of that.
     """
-    padded = (count + 7) // 8 * 8
-    for r in range(count):
-        low, high = brackets[r, 0], brackets[r, 1]
-        far = abs(low + high) > 2.0
-        if far:
-            for i in range(11):
-                lanes[16 * i + r] = polynomial[10 - i]
-        else:
-            for i in range(11):
-                lanes[16 * i + r] = polynomial[i]
-        lanes[176 + r] = 1.0 / high if far else low
-        lanes[192 + r] = 1.0 / low if far else high
-    for r in range(padded):
-        x = lanes[176 + r]
-        value = lanes[r]
+    for s in range(LANES):
+        x = newton[11 * ROOTS + s]
+        value = newton[s]
         for i in range(1, 11):
-            value = value * x + lanes[16 * i + r]
-        lanes[224 + r] = value
-        lanes[208 + r] = 0.5 * (x + lanes[192 + r])
+            value = value * x + newton[ROOTS * i + s]
+        newton[13 * ROOTS + s] = 0.5 * (x + newton[12 * ROOTS + s])
+        newton[14 * ROOTS + s] = value
     for _ in range(50):
-        largest = 0.0
-        for r in range(padded):
-            x, low, high = lanes[208 + r], lanes[176 + r], lanes[192 + r]
-            value, slope = lanes[r], 0.0
+        for s in range(LANES):
+            x, low, high = newton[13 * ROOTS + s], newton[11 * ROOTS + s], newton[12 * ROOTS + s]
+            value, slope = newton[s], 0.0
             for i in range(1, 11):
                 slope = slope * x + value
-                value = value * x + lanes[16 * i + r]
-            beyond = value * lanes[224 + r] <= 0.0
+                value = value * x + newton[ROOTS * i + s]
+            beyond = value * newton[14 * ROOTS + s] <= 0.0
             low = low if beyond else x
             high = x if beyond else high
-            step = x - value / slope
             middle = 0.5 * (low + high)
+            step = x - value / slope
             step = step if step >= low else middle
             step = step if step <= high else middle
-            lanes[240 + r] = abs(step - x)
-            lanes[176 + r] = low
-            lanes[192 + r] = high
-            lanes[208 + r] = step
-        for r in range(count):
-            largest = max(largest, lanes[240 + r])
+            moving = newton[15 * ROOTS + s] > 1e-8
+            newton[11 * ROOTS + s] = low
+            newton[12 * ROOTS + s] = high
+            newton[13 * ROOTS + s] = step if moving else x
+            newton[15 * ROOTS + s] = abs(step - x) if moving else 0.0
+        largest = 0.0
+        for s in range(LANES):
+            largest = max(largest, newton[15 * ROOTS + s])
         if largest <= 1e-8:
             break
-    for r in range(count):
-        x = lanes[208 + r]
-        roots[r] = 1.0 / x if abs(brackets[r, 0] + brackets[r, 1]) > 2.0 else x
-
-
-@kernel
-def real_roots(polynomial, work, roots):
-    """Distinct real roots of a polynomial of degree ten between -1e5 and 1e5, in no order.
-
-    Sturm's theorem isolates them, Newton's method refines them to about 1e-15 of the distance of neighbouring roots.
-
-    Parameters
-    ----------
-    polynomial : (11,) float64, highest power first
-    work : RootWork
-    roots : (10,) float64
-
-    Returns
-    -------
-    int
-        How many of `roots` were filled; 0 for a polynomial whose leading coefficient is 0 or not finite.
-    """
-    if not 0.0 < abs(polynomial[0]) < np.inf:
-        return 0
-    steps = sturm_chain(polynomial, work.remainders, work.chain)
-    found = isolate_roots(work.chain, steps, work.points, work.remainders, work.changes, work.stack, work.brackets)
-    refine_roots(polynomial, work.brackets, found, work.lanes, roots)
-    return found
+    for s in range(LANES):
+        x = newton[13 * ROOTS + s]
+        newton[13 * ROOTS + s] = 1.0 / x if newton[16 * ROOTS + s] > 0.0 else x

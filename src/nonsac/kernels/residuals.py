@@ -39,53 +39,86 @@ def count_registration_inliers(models, columns, squared_threshold, counts):
 
 
 @kernel
-def essential_matrices(models, focal1, focal2, matrices):
-    """E = [t]x R of M models (M, 3, 4), for image coordinates in pixels: x of length focal where it was 1."""
+def epipolar_geometries(models, focal1, focal2, geometries):
+    """What the residuals of M relative poses (M, 3, 4) need, in (M, 8, 3), for image coordinates in pixels.
+
+    Rows 0 to 2: E = [t]x R; 3 to 5: R, which turns (x, y, 1) of the first camera into a ray in the second; 6: t;
+    7: the inverse of the second focal length, of the squared first one, and the product of both.
+    """
     for m in range(models.shape[0]):
-        model, matrix = models[m], matrices[m]
+        model, geometry = models[m], geometries[m]
         t0, t1, t2 = model[0, 3], model[1, 3], model[2, 3]
         for c in range(3):
             a, b, d = model[0, c], model[1, c], model[2, c]
             scale = 1.0 / focal1 if c < 2 else 1.0
-            matrix[0, c] = scale * (t1 * d - t2 * b) / focal2
-            matrix[1, c] = scale * (t2 * a - t0 * d) / focal2
-            matrix[2, c] = scale * (t0 * b - t1 * a)
+            geometry[0, c] = scale * (t1 * d - t2 * b) / focal2
+            geometry[1, c] = scale * (t2 * a - t0 * d) / focal2
+            geometry[2, c] = scale * (t0 * b - t1 * a)
+            geometry[3, c], geometry[4, c], geometry[5, c] = scale * a, scale * b, scale * d
+            geometry[6, c] = model[c, 3]
+        geometry[7, 0], geometry[7, 1], geometry[7, 2] = 1.0 / focal2, 1.0 / focal1**2, focal1 * focal2
 
 
 @reordered_kernel
-def sampson_residuals(matrices, columns, residuals):
-    """First-order distances of matches `columns` (4, N) from M epipolar geometries (M, 3, 3), into (M, N).
+def epipolar_residuals(geometries, columns, residuals):
+    """Distances of matches `columns` (4, N) from M epipolar geometries (M, 8, 3), into (M, N).
 
-    Infinite where both points lie at the epipoles: such a match fits everything, so it speaks for nothing.
+    Sampson's first-order distance; for a match whose rays meet behind a camera, the angle between its rays, as a
+    distance in the image: the nearest match that fits is a point at infinity. Infinite where both points lie at the
+    epipoles: such a match fits everything, so it speaks for nothing.
     """
     x, y, u, v = columns[0], columns[1], columns[2], columns[3]
-    for m in range(matrices.shape[0]):
-        row = residuals[m]
-        e00, e01, e02 = matrices[m, 0, 0], matrices[m, 0, 1], matrices[m, 0, 2]
-        e10, e11, e12 = matrices[m, 1, 0], matrices[m, 1, 1], matrices[m, 1, 2]
-        e20, e21, e22 = matrices[m, 2, 0], matrices[m, 2, 1], matrices[m, 2, 2]
+    for m in range(geometries.shape[0]):
+        g, row = geometries[m], residuals[m]
+        e00, e01, e02, e10, e11, e12 = g[0, 0], g[0, 1], g[0, 2], g[1, 0], g[1, 1], g[1, 2]
+        e20, e21, e22, t0, t1, t2 = g[2, 0], g[2, 1], g[2, 2], g[6, 0], g[6, 1], g[6, 2]
+        r00, r01, r02, r10, r11, r12 = g[3, 0], g[3, 1], g[3, 2], g[4, 0], g[4, 1], g[4, 2]
+        r20, r21, r22, inverse, square1, product = g[5, 0], g[5, 1], g[5, 2], g[7, 0], g[7, 1], g[7, 2]
         for i in range(x.shape[0]):
             a, b = e00 * x[i] + e01 * y[i] + e02, e10 * x[i] + e11 * y[i] + e12
             c, d = e00 * u[i] + e10 * v[i] + e20, e01 * u[i] + e11 * v[i] + e21
-            product = u[i] * a + v[i] * b + e20 * x[i] + e21 * y[i] + e22
+            off = u[i] * a + v[i] * b + e20 * x[i] + e21 * y[i] + e22
             square = a * a + b * b + c * c + d * d
-            row[i] = abs(product) / np.sqrt(square) if square != 0.0 else np.inf
+            sampson = abs(off) / np.sqrt(square) if square != 0.0 else np.inf
+            # The ray of the first camera, turned, (p, q, s); of the second, (k, l, 1); and their cross product.
+            p, q, s = r00 * x[i] + r01 * y[i] + r02, r10 * x[i] + r11 * y[i] + r12, r20 * x[i] + r21 * y[i] + r22
+            k, l = inverse * u[i], inverse * v[i]  # noqa: E741
+            n0, n1, n2 = q - s * l, s * k - p, p * l - q * k
+            first, second = square1 * (x[i] * x[i] + y[i] * y[i]) + 1.0, k * k + l * l + 1.0
+            both, along1, along2 = k * p + l * q + s, t0 * p + t1 * q + t2 * s, t0 * k + t1 * l + t2
+            behind = (along1 * second > along2 * both) | (along1 * both > along2 * first)
+            angle = np.sqrt(product * (n0 * n0 + n1 * n1 + n2 * n2) / (first * second)) if both > 0.0 else np.inf
+            row[i] = max(angle, sampson) if behind else sampson
 
 
 @reordered_kernel
-def count_sampson_inliers(matrices, columns, counts):
-    """Matches with a Sampson residual below 1: single precision, in units of the threshold."""
+def count_epipolar_inliers(geometries, columns, counts):
+    """Matches with a residual, as above, below 1: single precision, in units of the threshold."""
     x, y, u, v = columns[0], columns[1], columns[2], columns[3]
-    for m in range(matrices.shape[0]):
-        e00, e01, e02 = matrices[m, 0, 0], matrices[m, 0, 1], matrices[m, 0, 2]
-        e10, e11, e12 = matrices[m, 1, 0], matrices[m, 1, 1], matrices[m, 1, 2]
-        e20, e21, e22 = matrices[m, 2, 0], matrices[m, 2, 1], matrices[m, 2, 2]
+    for m in range(geometries.shape[0]):
+        g = geometries[m]
+        e00, e01, e02, e10, e11, e12 = g[0, 0], g[0, 1], g[0, 2], g[1, 0], g[1, 1], g[1, 2]
+        e20, e21, e22, t0, t1, t2 = g[2, 0], g[2, 1], g[2, 2], g[6, 0], g[6, 1], g[6, 2]
+        r00, r01, r02, r10, r11, r12 = g[3, 0], g[3, 1], g[3, 2], g[4, 0], g[4, 1], g[4, 2]
+        r20, r21, r22, inverse, square1, product = g[5, 0], g[5, 1], g[5, 2], g[7, 0], g[7, 1], g[7, 2]
+        zero, one = np.float32(0.0), np.float32(1.0)
         count = np.int32(0)
         for i in range(x.shape[0]):
             a, b = e00 * x[i] + e01 * y[i] + e02, e10 * x[i] + e11 * y[i] + e12
             c, d = e00 * u[i] + e10 * v[i] + e20, e01 * u[i] + e11 * v[i] + e21
-            product = u[i] * a + v[i] * b + e20 * x[i] + e21 * y[i] + e22
-            count += np.int32(product * product < a * a + b * b + c * c + d * d)
+            off = u[i] * a + v[i] * b + e20 * x[i] + e21 * y[i] + e22
+            near = off * off < a * a + b * b + c * c + d * d
+            p, q, s = r00 * x[i] + r01 * y[i] + r02, r10 * x[i] + r11 * y[i] + r12, r20 * x[i] + r21 * y[i] + r22
+            k, l = inverse * u[i], inverse * v[i]  # noqa: E741
+            n0, n1, n2 = q - s * l, s * k - p, p * l - q * k
+            first, second = square1 * (x[i] * x[i] + y[i] * y[i]) + one, k * k + l * l + one
+            both, along1, along2 = k * p + l * q + s, t0 * p + t1 * q + t2 * s, t0 * k + t1 * l + t2
+            depth1, depth2 = along2 * both - along1 * second, along2 * first - along1 * both
+            # Of the same sign as the two depths; a distant point may have either.
+            distant = first * second - product * (n0 * n0 + n1 * n1 + n2 * n2)
+            distant = distant if both > zero else -one
+            depth1 = depth1 if depth1 < depth2 else depth2
+            count += np.int32(near & ((depth1 >= zero) | (distant > zero)))
         counts[m] = count
 
 

@@ -82,7 +82,8 @@ def centre(rows: Array) -> Array:
     """A point amid the rows (D,), which a few rows far away, or not finite, do not move."""
     some = rows[:: max(1, len(rows) // 500)]
     finite = some[np.isfinite(some).all(axis=1)]
-    return np.median(finite, axis=0) if len(finite) else np.zeros(rows.shape[1])
+    middle = len(finite) // 2
+    return np.partition(finite, middle, axis=0)[middle] if len(finite) else np.zeros(rows.shape[1])
 
 
 def _rotations(models: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from nonsac.kernels.five_point import five_point_poses
 from nonsac.kernels.pose_fit import fit_pose, sampson_jacobian
-from nonsac.kernels.residuals import count_sampson_inliers, essential_matrices, sampson_residuals
+from nonsac.kernels.residuals import count_epipolar_inliers, epipolar_geometries, epipolar_residuals
 from nonsac.problems.pose import (
     least_squares_covariance,
     positive,
@@ -20,9 +20,11 @@ from nonsac.problems.pose import (
     spread_out,
 )
 from nonsac.problems.simpler import Simpler
-from nonsac.problems.two_view import plane_of, pose_of_same_plane, seen_through_plane
+from nonsac.problems.two_view import plane_of, pose_of_same_plane, transfer_errors
 
 Array = NDArray[np.float64]
+
+_PLANE_ROWS = 300
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class RelativePose:
     """X2 = R X1 + t with |t| = 1, for rows `x1 y1 x2 y2` of normalised image coordinates in two cameras.
 
     The residual is Sampson's first-order distance to the epipolar geometry (Sampson 1982; Luong and Faugeras 1996),
-    in pixels where the focal lengths are given, and in normalised coordinates otherwise.
+    in pixels where the focal lengths are given, and in normalised coordinates otherwise. A match whose rays meet behind
+    a camera is as far away as the nearest match of a point at infinity.
 
     Parameters
     ----------
@@ -58,9 +61,9 @@ class RelativePose:
         return models[: five_point_poses(np.ascontiguousarray(samples), models)]
 
     def residuals(self, models: Array, rows: Array) -> Array:
-        matrices = self._matrices(models)
-        residuals = np.empty((len(matrices), len(rows)))
-        sampson_residuals(matrices, self._columns(rows), residuals)
+        geometries = self._geometries(models)
+        residuals = np.empty((len(geometries), len(rows)))
+        epipolar_residuals(geometries, self._columns(rows), residuals)
         return residuals
 
     def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
@@ -68,7 +71,7 @@ class RelativePose:
         in_thresholds = RelativePose(self.focal1 / threshold, self.focal2 / threshold)
         columns = in_thresholds._columns(rows).astype(np.float32)
         counts = np.empty(len(models), np.int64)
-        count_sampson_inliers(in_thresholds._matrices(models).astype(np.float32), columns, counts)
+        count_epipolar_inliers(in_thresholds._geometries(models).astype(np.float32), columns, counts)
         return counts
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:
@@ -103,7 +106,8 @@ class RelativePose:
         A rotation without a baseline leaves the direction of t open; a plane allows a second pose.
         """
         by_rotation = self._transfer_error(model, np.zeros(3), inliers) < threshold
-        plane = plane_of(model, inliers, lambda plane: self._transfer_error(model, plane, inliers), threshold)
+        some = inliers[:: max(1, len(inliers) // _PLANE_ROWS)]
+        plane = plane_of(model, some, lambda plane: self._transfer_error(model, plane, some), threshold)
         by_plane = self._transfer_error(model, plane, inliers) < threshold
         others = np.empty((0, 3, 4))
         if by_plane.mean() > 0.5:
@@ -133,14 +137,13 @@ class RelativePose:
         return residuals, jacobian
 
     def _transfer_error(self, model: Array, plane: Array, rows: Array) -> Array:
-        """Distance of x2 from where it is seen if the point lies on the plane n . X = 1, in units of the residual."""
-        return self.focal2 * np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=1)
+        return transfer_errors(model, plane, rows, (self.focal1, self.focal2))
 
-    def _matrices(self, models: Array) -> Array:
+    def _geometries(self, models: Array) -> Array:
         models = np.ascontiguousarray(models).reshape(-1, 3, 4)
-        matrices = np.empty((len(models), 3, 3))
-        essential_matrices(models, self.focal1, self.focal2, matrices)
-        return matrices
+        geometries = np.empty((len(models), 8, 3))
+        epipolar_geometries(models, self.focal1, self.focal2, geometries)
+        return geometries
 
     def _columns(self, rows: Array) -> Array:
         return np.ascontiguousarray((rows * self._focals).T)

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_TRIPLETS = 60
-_MOST_ROWS = 400
+_TRIPLETS = 40
 
 
 def seen_through_plane(model: Array, plane: Array, points: Array) -> Array:
@@ -22,6 +21,20 @@ def seen_through_plane(model: Array, plane: Array, points: Array) -> Array:
     moved = points @ (model[:, :2] + np.outer(model[:, 3], plane[:2])).T + model[:, 2] + plane[2] * model[:, 3]
     depth = np.where(moved[:, 2:] > 0.0, moved[:, 2:], np.nan)
     return moved[:, :2] / depth
+
+
+def transfer_errors(model: Array, plane: Array, rows: Array, focals: tuple[float, float]) -> Array:
+    """How far x2 is from where it is seen if the point lies on a plane, in units in which both images have noise 1.
+
+    The noise of x1 is magnified on its way to the second image (by the square root of the homography's change of
+    area); the distance in pixels is divided by the standard deviation that it has in each direction. NaN counts as far.
+    """
+    homography = model[:, :3] + np.outer(model[:, 3], plane)
+    depth = rows[:, :2] @ homography[2, :2] + homography[2, 2]
+    depth = np.where(depth > 0.0, depth, np.nan)
+    square = (focals[1] / focals[0]) ** 2 * np.abs(np.linalg.det(homography)) / depth**3
+    distance = np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=1)
+    return np.asarray(focals[1] * distance / np.sqrt(1.0 + square))
 
 
 def plane_of(model: Array, rows: Array, error: Callable[[Array], Array], threshold: float) -> Array:
@@ -38,9 +51,7 @@ def plane_of(model: Array, rows: Array, error: Callable[[Array], Array], thresho
     planes = np.linalg.solve(triplets[solvable], inverse_depth[some[solvable]][..., None])[..., 0]
     if not len(planes):
         return np.zeros(3)
-    step = max(1, len(rows) // _MOST_ROWS)
-    misfits = np.abs((planes @ rays[::step].T - inverse_depth[::step]) * slope[::step])
-    best = planes[np.argmax((misfits < threshold).sum(axis=1))]
+    best = max(planes, key=lambda plane: np.count_nonzero(error(plane) < threshold))
     for _ in range(3):
         weights = slope * (error(best) < threshold)
         best = np.linalg.lstsq(rays * weights[:, None], inverse_depth * weights, rcond=None)[0]
@@ -60,7 +71,9 @@ def _inverse_depths(model: Array, rows: Array) -> tuple[Array, Array]:
 
 
 def pose_of_same_plane(model: Array, plane: Array, rows: Array) -> Array:
-    """The other pose (K, 3, 4), K <= 1, that gives the same homography with all points in front of both cameras.
+    """The other poses (K, 3, 4) that give the same homography with all points in front of both cameras.
+
+    At most one, or two where the pose itself has points behind a camera.
 
     The analytical decomposition of a homography (Ma, Soatto, Kosecka and Sastry, "An Invitation to 3-D Vision",
     Sec. 5.3.3).
@@ -87,5 +100,4 @@ def pose_of_same_plane(model: Array, plane: Array, rows: Array) -> Array:
         if size > 1e-9 and in_front:
             found.append(np.column_stack([rotation, sign * shift / size]))
     others = [pose for pose in found if np.abs(pose - model).max() > 0.05]
-    same = [pose for pose in found if np.abs(pose - model).max() <= 0.05]
-    return np.stack(others[:1]) if others and same else np.empty((0, 3, 4))
+    return np.stack(others) if others else np.empty((0, 3, 4))
