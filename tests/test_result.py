@@ -216,3 +216,11 @@ def test_homogeneous_adds_the_last_row(rng):
 def test_the_threshold_is_five_standard_deviations():
     assert threshold_of(0.01) == 0.05
     assert type(threshold_of(1)) is float
+
+
+def test_the_text_of_a_model_of_the_users_own_kind_is_its_numbers():
+    T = np.eye(4)
+    T[:3] = 0.0
+    T[0, :3] = [0.5, -1.0, 0.25]
+    text = repr(Result(T, Status.OK, 0.9, 3, 4, 0.1, 0.5))
+    assert "model [ 0.5  -1.    0.25" in text

@@ -100,7 +100,7 @@ def estimate(
         budget, estimator = 1, estimator.with_budget(budget)
     clock = Stopwatch()
     task = SampleTask(source, problem, estimator, threshold_of(noise), budget, sample_size, canonical_seed(rng))
-    info = {"seed": task.seed, "version": VERSION, "rule": selector.name, "sample_size": sample_size}
+    info = {"seed": task.seed, "version": VERSION, "rule": selector.name, "sample_size": sample_size, "remarks": ()}
     evidence = Evidence(source, problem)
     if len(source) < problem.minimal_size:
         return failed(Status.TOO_FEW, noise, info | {"samples": 0, "seconds": clock.laps}, evidence=evidence)

@@ -215,7 +215,7 @@ def _estimate(
     if weights is not None:
         problem, arrays, maps = Weighted(problem), [*arrays, weights[:, None]], [*maps, None]
     if estimator is None:
-        estimator = Ransac(20_000, confidence=0.9999, local_optimisation=True)
+        estimator = Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=1000)
     result = estimate(JoinedSource(arrays, maps), problem, estimator, stop=Corroborated(), **settings)
     dropped = result.info.get("dropped_rows", 0)
     if dropped:

@@ -265,14 +265,19 @@ class Result:
         text = self.to_json(indent=1) + "\n"
         write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
+    def _described_model(self) -> str:
+        if not self.scale > 0.0:  # a user's own kind of model
+            return f"model {np.array2string(self.T[:3].ravel(), precision=6)}".replace("\n", "")
+        angle = np.degrees(self.rotation.magnitude())
+        t = ", ".join(f"{x:.6g}" for x in self.t)
+        return f"rotation {angle:.3f} deg, translation [{t}], scale {self.scale:.6g}"
+
     def __repr__(self) -> str:
         if not np.isfinite(self.T).all():
             return f"Result({self.status}: {self.status.explanation})"
-        angle = np.degrees(self.rotation.magnitude())
-        t = ", ".join(f"{x:.6g}" for x in self.t)
         lines = [
             f"Result({self.status}, confidence {self.confidence:.3f})",
-            f"  rotation {angle:.3f} deg, translation [{t}], scale {self.scale:.6g}",
+            f"  {self._described_model()}",
             f"  inliers {self.num_inliers} of {self.num_rows} ({100 * self.inlier_ratio:.3g} %), "
             f"noise {self.noise:.4g}",
             f"  {len(self.hypotheses)} hypotheses, {len(self.alternatives)} alternatives",

@@ -11,7 +11,7 @@ from nonsac.problems import Problem
 from nonsac.result import Alternative, Array, Status, homogeneous
 
 _LARGEST_CHANCE = 1e-6
-_EQUALLY_WELL = 0.8
+_CLEAR_LEAD = 4.0
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,20 @@ def judge_rows(problem: Problem, model: Array, rows: Array, threshold: float, te
         if not simpler.determined:
             return Verdict(Status.DEGENERATE, 0.0, remarks=tuple(remarks))
         for other in simpler.others:
-            support = (problem.residuals(other[None], rows)[0] < threshold).sum()
-            if support > _EQUALLY_WELL * len(inliers):
-                alternatives.append(Alternative(homogeneous(other), float(support / len(rows))))
+            ratios = np.minimum(problem.residuals(np.stack([model, other]), rows) / threshold, 1.0)
+            if _lead(*ratios) < _CLEAR_LEAD:
+                alternatives.append(Alternative(homogeneous(other), float((ratios[1] < 1.0).mean())))
     status = Status.AMBIGUOUS if alternatives else Status.OK
     return Verdict(status, min(confidence, 0.5) if alternatives else confidence, tuple(alternatives), tuple(remarks))
+
+
+def _lead(ratios: Array, others: Array) -> float:
+    """By how many standard deviations one model fits better than another, row by row (Vuong 1989).
+
+    From the residuals as shares of the threshold, at most 1, through Tukey's biweight.
+    """
+    gains = (1.0 - ratios**2) ** 3 - (1.0 - others**2) ** 3
+    return float(gains.sum() / max(np.sqrt((gains**2).sum()), 1e-300))
 
 
 def _chance(problem: Problem, inliers: Array, rows: int, rate: float) -> float:

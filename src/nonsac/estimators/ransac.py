@@ -14,6 +14,7 @@ from nonsac.problems import Problem
 from nonsac.result import Array, Hypothesis
 
 _FIRST_BATCH, _LARGEST_BATCH = 64, 1024
+_COMPARED = 8
 
 
 @dataclass(frozen=True)
@@ -32,16 +33,23 @@ class Ransac:
         so far. None never stops early.
     local_optimisation : bool
         Improve every new best model by a robust fit to the rows near it, and keep what has the least biweight
-        cost (LO-RANSAC, Chum, Matas and Kittler 2003).
+        cost (LO-RANSAC, Chum, Matas and Kittler 2003). Of the models with the most inliers the one with the least cost
+        is the best: where nearly every model has nearly all inliers, their number tells little.
+    least_iterations : int
+        Minimal samples before `confidence` may end the loop.
     """
 
     iterations: int = 1000
     confidence: float | None = None
     local_optimisation: bool = False
+    least_iterations: int = 1
 
     def __post_init__(self) -> None:
         if not isinstance(self.iterations, Integral) or isinstance(self.iterations, bool) or self.iterations < 1:
             raise ValueError(f"iterations must be an integer of at least 1, got {self.iterations!r}")
+        least = self.least_iterations
+        if not isinstance(least, Integral) or isinstance(least, bool) or least < 1:
+            raise ValueError(f"least_iterations must be an integer of at least 1, got {least!r}")
         if self.confidence is None:
             return
         if not isinstance(self.confidence, Real) or not 0.0 < self.confidence < 1.0:
@@ -49,7 +57,9 @@ class Ransac:
 
     def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
         weights = row_weights(problem, rows)
-        model, cost, most, support, tested = np.full((3, 4), np.nan), np.inf, 0.0, 0.0, 0
+        total = len(rows) if weights is None else weights.sum()
+        model, cost, support, tested = np.full((3, 4), np.nan), np.inf, 0.0, 0
+        highest = -np.inf if self.local_optimisation else 0.0
         drawn, needed, batch = 0, self.iterations if len(rows) >= problem.minimal_size else 0, _FIRST_BATCH
         while drawn < needed:
             size = min(batch, needed - drawn)
@@ -57,26 +67,34 @@ class Ransac:
             drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
             if not len(models):
                 continue
-            counts = problem.count_inliers(models, rows, threshold)
-            best = int(np.argmax(counts))
-            if not counts[best] > most:
+            candidate, score = self._best(problem, models, rows, threshold)
+            if not score > highest:
                 continue
-            most = counts[best]
-            candidate = models[best]
+            highest = score
             if self.local_optimisation:
                 candidate = self._optimised(problem, candidate, rows, threshold)
-                candidate_cost = biweight_costs(problem, candidate[None], rows, threshold)[0]
-                if not candidate_cost < cost:
+                before, cost = cost, min(cost, biweight_costs(problem, candidate[None], rows, threshold)[0])
+                if not cost < before:
                     continue
-                cost = candidate_cost
             model = candidate
-            support = max(support, float(problem.count_inliers(candidate[None], rows, threshold)[0]))
             if self.confidence is not None:
-                total = len(rows) if weights is None else weights.sum()
-                needed = min(needed, trials_needed(support / total, problem.minimal_size, self.confidence))
+                support = max(support, float(problem.count_inliers(model[None], rows, threshold)[0]))
+                trials = trials_needed(support / total, problem.minimal_size, self.confidence)
+                needed = min(needed, max(trials, self.least_iterations))
         if not np.isfinite(model).all():
             return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
         return Hypothesis(model, problem.residuals(model[None], rows)[0], threshold, tested=tested)
+
+    def _best(self, problem: Problem, models: Array, rows: Array, threshold: float) -> tuple[Array, float]:
+        """The best of some models, and its score: the number of inliers, or less the cost."""
+        counts = problem.count_inliers(models, rows, threshold)
+        if not self.local_optimisation:
+            best = int(np.argmax(counts))
+            return models[best], float(counts[best])
+        first = models[np.argsort(-counts, kind="stable")[:_COMPARED]]
+        costs = biweight_costs(problem, first, rows, threshold)
+        best = int(np.argmin(costs))
+        return first[best], -float(costs[best])
 
     def with_budget(self, factor: int) -> Self:
         return replace(self, iterations=self.iterations * factor)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nonsac.kernels.p3p import p3p_poses
 from nonsac.kernels.pose_fit import fit_pose, reprojection_jacobian
 from nonsac.kernels.residuals import count_reprojection_inliers, reprojection_residuals
+from nonsac.problems.planar_target import plane_of_points, reflected_pose
 from nonsac.problems.pose import (
     least_squares_covariance,
     positive,
@@ -20,8 +21,11 @@ from nonsac.problems.pose import (
     spread_out,
 )
 from nonsac.problems.registration import centre
+from nonsac.problems.simpler import Simpler
 
 Array = NDArray[np.float64]
+
+_SAME_POSE = 3.0  # degrees
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,20 @@ class AbsolutePose:
             return True
         jacobian = self._derivatives(model, inliers)[1]
         return rotation_is_certain(least_squares_covariance(jacobian, threshold / 5.0))
+
+    def simpler_models(self, model: Array, inliers: Array, threshold: float) -> tuple[Simpler, ...]:
+        """What a plane explains of these inliers: with little perspective, it allows a second pose."""
+        points = inliers[:, 2:]
+        centre_of_plane, normal = plane_of_points(points)
+        relief = self.focal * np.abs((points - centre_of_plane) @ normal) / (points @ model[2, :3] + model[2, 3])
+        flat = relief < threshold
+        others = np.empty((0, 3, 4))
+        if flat.mean() > 0.5:
+            twin = reflected_pose(model, centre_of_plane, normal)
+            fitted = self.refit_robustly(twin, inliers, np.ones(len(inliers)), 2.0 * threshold, 50)
+            if np.isfinite(fitted).all() and rotation_distance(fitted, model) > _SAME_POSE:
+                others = fitted[None]
+        return (Simpler("planar", flat, determined=True, others=others),)
 
     def covariance(self, model: Array, inliers: Array, threshold: float) -> Array:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t."""

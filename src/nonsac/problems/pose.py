@@ -40,6 +40,7 @@ def robust_covariance(residuals: Array, jacobian: Array, threshold: float) -> Ar
 
     The sandwich A^-1 B A^-1 of M-estimators (Huber 1981, Sec. 7.6): A is the second derivative of the loss, B the sum
     of squared gradients, so neither the noise level nor the share of outliers within the threshold has to be known.
+    Residuals are divided by one less their leverage (HC3, MacKinnon and White 1985): a fit to few rows follows them.
 
     Parameters
     ----------
@@ -55,14 +56,15 @@ def robust_covariance(residuals: Array, jacobian: Array, threshold: float) -> Ar
     share = 1.0 - (residuals**2).sum(axis=1) / threshold**2
     weights = np.where(share > 0.0, share, 0.0) ** 2
     gradients = np.einsum("nd,ndp->np", residuals, jacobian)
-    spread = np.einsum("n,np,nq->pq", weights**2, gradients, gradients)
     curvature = np.einsum("n,ndp,ndq->pq", weights, jacobian, jacobian)
+    if np.linalg.cond(curvature) > 1e14:
+        return np.full(curvature.shape, np.nan)
+    leverage = weights * np.einsum("ndp,pq,ndq->n", jacobian, np.linalg.inv(curvature), jacobian) / residuals.shape[1]
+    spread = np.einsum("n,np,nq->pq", (weights / np.maximum(1.0 - leverage, 0.05)) ** 2, gradients, gradients)
     bending = np.einsum("n,np,nq->pq", np.maximum(share, 0.0), gradients, gradients)
     bent = curvature - 4.0 / threshold**2 * bending
-    if np.linalg.eigvalsh(bent)[0] <= 0.0:  # too many rows near the threshold for a second derivative
+    if np.linalg.eigvalsh(bent)[0] <= 0.1 * np.linalg.eigvalsh(curvature)[0]:  # too many rows near the threshold
         bent = curvature
-    if np.linalg.cond(bent) > 1e14:
-        return np.full(bent.shape, np.nan)
     inverse = np.linalg.inv(bent)
     return inverse @ spread @ inverse
 

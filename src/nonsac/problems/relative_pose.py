@@ -20,7 +20,7 @@ from nonsac.problems.pose import (
     spread_out,
 )
 from nonsac.problems.simpler import Simpler
-from nonsac.problems.two_view import plane_of, pose_of_same_plane, transfer_errors
+from nonsac.problems.two_view import plane_of, pose_of_same_plane, rotation_of, transfer_errors
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,9 @@ class RelativePose:
 
         A rotation without a baseline leaves the direction of t open; a plane allows a second pose.
         """
-        by_rotation = self._transfer_error(model, np.zeros(3), inliers) < threshold
+        at_infinity = np.zeros(3)
+        turned = rotation_of(model, inliers, lambda turned: self._transfer_error(turned, at_infinity, inliers))
+        by_rotation = self._transfer_error(turned, at_infinity, inliers) < threshold
         some = inliers[:: max(1, len(inliers) // _PLANE_ROWS)]
         plane = plane_of(model, some, lambda plane: self._transfer_error(model, plane, some), threshold)
         by_plane = self._transfer_error(model, plane, inliers) < threshold

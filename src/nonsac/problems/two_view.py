@@ -23,6 +23,27 @@ def seen_through_plane(model: Array, plane: Array, points: Array) -> Array:
     return moved[:, :2] / depth
 
 
+def rotation_of(model: Array, rows: Array, error: Callable[[Array], Array]) -> Array:
+    """The rotation without a baseline that most rows fit best, as a pose [R | t] with the t of a model.
+
+    Kabsch's fit of the rays, three times to the better half of them: a pose with a baseline that explains a pure
+    rotation has turned a little away from it. `error(model)` is the transfer error of all rows.
+    """
+    first, second = (_unit_rays(half) for half in (rows[:, :2], rows[:, 2:]))
+    turned = model.copy()
+    for _ in range(3):
+        errors = np.nan_to_num(error(turned), nan=np.inf)
+        near = errors <= np.median(errors)
+        left, _, right = np.linalg.svd(second[near].T @ first[near])
+        turned[:, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return turned
+
+
+def _unit_rays(points: Array) -> Array:
+    rays = np.column_stack([points, np.ones(len(points))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
 def transfer_errors(model: Array, plane: Array, rows: Array, focals: tuple[float, float]) -> Array:
     """How far x2 is from where it is seen if the point lies on a plane, in units in which both images have noise 1.
 
