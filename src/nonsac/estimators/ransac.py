@@ -94,7 +94,7 @@ class Ransac:
         first = models[np.argsort(-counts, kind="stable")[:_COMPARED]]
         costs = biweight_costs(problem, first, rows, threshold)
         best = int(np.argmin(costs))
-        return first[best], -float(costs[best])
+        return first[best], -float(costs[best]) if counts.max() > 0 else -np.inf
 
     def with_budget(self, factor: int) -> Self:
         return replace(self, iterations=self.iterations * factor)
