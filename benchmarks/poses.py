@@ -144,7 +144,7 @@ def scaling(samples: int = 30, rows: int = 1000, repeats: int = 7) -> list[Row]:
             nonsac.estimate,
             ArraySource(np.hstack([first, second])),
             problem,
-            nonsac.Ransac(5000, local_optimisation=True),
+            nonsac.Ransac(20_000, local_optimisation=True),
             noise=0.0025,
             samples=samples,
             sample_size=rows,

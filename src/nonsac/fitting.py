@@ -49,7 +49,8 @@ def biweight_costs(problem: Problem, models: Array, rows: Array, threshold: floa
     for start in range(0, len(rows), _BLOCK):
         block = slice(start, start + _BLOCK)
         ratios = np.minimum(problem.residuals(models, rows[block]) / threshold, 1.0)
-        losses = 1.0 - (1.0 - ratios**2) ** 3
+        share = 1.0 - ratios * ratios
+        losses = 1.0 - share * share * share  # numpy's power of 3 takes ten times as long
         costs += losses.sum(axis=1) if weights is None else losses @ weights[block]
     return np.where(np.isfinite(costs), costs, np.inf)
 

@@ -13,8 +13,8 @@ from nonsac.fitting import biweight_costs, reweighted_fit, row_weights
 from nonsac.problems import Problem
 from nonsac.result import Array, Hypothesis
 
-_FIRST_BATCH, _LARGEST_BATCH = 64, 1024
-_COMPARED = 8
+_FIRST_BATCH, _LARGEST_BATCH = 128, 2048
+_COMPARED = 5
 
 
 @dataclass(frozen=True)
