@@ -246,7 +246,7 @@ def test_a_planar_scene_is_ambiguous_with_the_other_pose(rng, outliers):
     errors = [rotation_error(T[:3, :3], TURN) for T in both]
     assert min(errors) < 1.5
     assert max(errors) > 3.0
-    assert np.linalg.norm(both[int(np.argmin(errors))][:3, 3] - BASELINE / np.linalg.norm(BASELINE)) < 0.15
+    assert np.linalg.norm(both[int(np.argmin(errors))][:3, 3] - BASELINE / np.linalg.norm(BASELINE)) < 0.25
     assert result.alternatives[0].support > 0.8 * result.inlier_ratio
 
 

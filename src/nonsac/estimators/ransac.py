@@ -13,7 +13,7 @@ from nonsac.fitting import biweight_costs, reweighted_fit, row_weights
 from nonsac.problems import Problem
 from nonsac.result import Array, Hypothesis
 
-_FIRST_BATCH, _LARGEST_BATCH = 128, 2048
+_FIRST_BATCH, _LARGEST_BATCH = 64, 2048
 _COMPARED = 5
 
 

@@ -42,7 +42,8 @@ def five_point_poses(samples, models):
     -------
     int
         How many of `models` were filled: for each sample 0 to 10, those with all five points in front of both
-        cameras. Samples that do not determine finitely many poses have none.
+        cameras. Samples that do not determine finitely many poses have none, but for a few with all points in a
+        plane through a camera's centre: rounding hides that these are degenerate.
     """
     steps, inverses = np.zeros(20), np.zeros(10 * LANES)
     matches, rows, mirrors = np.zeros(20 * LANES), np.zeros((5, VECTOR)), np.zeros((5, 11 * LANES))
