@@ -168,7 +168,9 @@ def real_table(rows: Sequence[Row]) -> str:
 
 def large_table(rows: Sequence[Row]) -> str:
     lines = [
-        [
+        [pose_name(row), *[NONE] * 3, f"given up after {row['given_up_after']:g} s", NONE]
+        if row["given_up_after"]
+        else [
             pose_name(row),
             f"{row['within_0.2_deg']}/{row['trials']}",
             f"{row['median_degrees']:.3f}°",

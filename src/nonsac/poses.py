@@ -212,10 +212,12 @@ def _estimate(
     estimator: Estimator | None,
     **settings: Any,
 ) -> Result:
+    if estimator is None:
+        # With a small baseline nearly every pose has nearly all inliers, and a good one needs a longer search.
+        least = 1000 if isinstance(problem, RelativePose) else 100
+        estimator = Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=least)
     if weights is not None:
         problem, arrays, maps = Weighted(problem), [*arrays, weights[:, None]], [*maps, None]
-    if estimator is None:
-        estimator = Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=1000)
     result = estimate(JoinedSource(arrays, maps), problem, estimator, stop=Corroborated(), **settings)
     dropped = result.info.get("dropped_rows", 0)
     if dropped:
