@@ -144,8 +144,10 @@ class Result:
         Clearly different answers, best first.
     covariance : (6, 6) or (5, 5) float64, or None
         Of an absolute pose: of the rotation vector w in radians, for which R becomes exp([w]x) R, and of t. Of a
-        relative pose: of w and of the direction of t, in the two axes `tangents(t)` of its tangent plane. None where
-        nothing was found, and for registrations.
+        relative pose: of w and of the direction of t, in two axes of its tangent plane (`pose_math.tangents`). From the
+        residuals themselves; too small by a factor of two or more with fewer than 20 rows or 80 % outliers. With points
+        far from the origin t depends on w, and its variance is large. None where nothing was found, and for
+        registrations.
     info : dict
         `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, `remarks` on special
         cases such as "planar", ...
