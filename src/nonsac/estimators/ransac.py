@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.fitting import biweight_costs, reweighted_fit, row_weights
+from nonsac.kernels.minimal_samples import distinct_rows, gather_rows
 from nonsac.problems import Problem
 from nonsac.result import Array, Hypothesis
 
@@ -63,7 +64,8 @@ class Ransac:
         drawn, needed, batch = 0, self.iterations if len(rows) >= problem.minimal_size else 0, _FIRST_BATCH
         while drawn < needed:
             size = min(batch, needed - drawn)
-            models = problem.solve_minimal(rows[minimal_samples(len(rows), problem.minimal_size, size, rng, weights)])
+            numbers = minimal_samples(len(rows), problem.minimal_size, size, rng, weights)
+            models = problem.solve_minimal(_gathered(rows, numbers))
             drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
             if not len(models):
                 continue
@@ -140,10 +142,12 @@ def minimal_samples(
 
 
 def _distinct(rows: int, size: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Floyd's algorithm (Bentley 1987), for all samples at once."""
-    highest = np.arange(rows - size, rows)
-    drawn = rng.integers(0, highest + 1, size=(count, size))
-    for j in range(1, size):
-        taken = (drawn[:, :j] == drawn[:, j : j + 1]).any(axis=1)
-        drawn[taken, j] = highest[j]
+    drawn = np.empty((count, size), np.int64)
+    distinct_rows(rng.random((count, size)), rows, drawn)
     return drawn
+
+
+def _gathered(rows: Array, numbers: NDArray[np.int64]) -> Array:
+    samples = np.empty((*numbers.shape, rows.shape[1]))
+    gather_rows(rows, numbers, samples)
+    return samples
