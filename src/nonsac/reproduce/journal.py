@@ -1,0 +1,97 @@
+"""Finished trials on disk, one line each, so that a run that was stopped can go on from there."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+from nonsac.reproduce.cells import Trial
+
+__all__ = ["Journal"]
+
+
+class Journal:
+    """What is done of a run. Use it as a context manager; `finish` removes the file.
+
+    Parameters
+    ----------
+    path : path-like or None
+        Of the file, which may exist from a run that was stopped; None keeps nothing.
+    settings : dict
+        What the trials depend on, ready for JSON; must be the same when a run goes on.
+    resume : bool
+        Whether to go on where the file ends. Without it, a file that is there is refused rather than lost.
+
+    Raises
+    ------
+    ValueError
+        If the file is there and `resume` is not set, or it comes from other settings.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None, settings: Mapping[str, Any], resume: bool = False) -> None:
+        self.trials: dict[int, Trial] = {}
+        self._path = None if path is None else Path(path)
+        self._file: TextIO | None = None
+        if self._path is None:
+            return
+        text = self._path.read_text(encoding="utf-8") if self._path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]  # the last line is torn where the run was killed
+        if not whole:
+            self._file = self._path.open("w", encoding="utf-8")
+            self._file.write(json.dumps({"settings": settings}) + "\n")
+            self._file.flush()
+            return
+        header, *lines = whole.splitlines()
+        if not resume:
+            raise ValueError(
+                f"{self._path} holds {len(lines)} finished trials of a run that was stopped; "
+                "go on with resume (--resume), or remove it"
+            )
+        _check_settings(self._path, json.loads(header)["settings"], json.loads(json.dumps(settings)))
+        self.trials = dict(map(_read, lines))
+        os.truncate(self._path, len(whole.encode()))
+        self._file = self._path.open("a", encoding="utf-8")
+
+    def add(self, position: int, trial: Trial) -> None:
+        """Keep a finished trial."""
+        self.trials[position] = trial
+        if self._file is not None:
+            self._file.write(_line(position, trial))
+            self._file.flush()
+
+    def finish(self) -> None:
+        """Remove the file: its content is in the report now."""
+        self.__exit__(None, None, None)
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is not None:
+            self._file.close()
+
+
+def _line(position: int, trial: Trial) -> str:
+    return json.dumps([position, trial.errors, trial.seconds, trial.claimed]) + "\n"
+
+
+def _read(line: str) -> tuple[int, Trial]:
+    position, *parts = json.loads(line)
+    return position, Trial(*({int(m): value for m, value in part.items()} for part in parts))
+
+
+def _check_settings(path: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    for key in {**before, **now}:
+        if before.get(key) != now.get(key):
+            raise ValueError(
+                f"{path} is of a run with {key} {before.get(key)!r}, not {now.get(key)!r}; "
+                "resume with the settings of that run, or remove the file"
+            )

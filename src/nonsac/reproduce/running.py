@@ -1,0 +1,100 @@
+"""Runs the trials of cells, one process for each worker; what is finished survives a stop."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from nonsac.executors import Workers, cores, ordered_map
+from nonsac.reproduce.cells import Cell, Trial, TrialTask, run_trial
+from nonsac.reproduce.journal import Journal
+
+__all__ = ["Plan", "run_trials"]
+
+Progress = Callable[[int, int], object]
+
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Cells, how many trials each has, and the seed; `settings` is what has to agree where a run goes on."""
+
+    cells: tuple[Cell, ...]
+    trials: int
+    seed: int
+    settings: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.cells) * self.trials
+
+
+def run_trials(
+    plan: Plan,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    journal: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+) -> list[list[Trial]]:
+    """All trials of all cells.
+
+    Parameters
+    ----------
+    plan : Plan
+    workers : int or None
+        Number of processes; None is one for each core. It changes the times only.
+    progress : callable, optional
+        Called as `progress(done, total)`.
+    journal : path-like, optional
+        Keeps the finished trials while the run lasts.
+    resume : bool
+        Go on where the journal ends.
+
+    Returns
+    -------
+    list of list of Trial
+        For each cell its trials.
+    """
+    with Journal(journal, plan.settings, resume) as kept:
+        waiting = tuple(position for position in range(len(plan)) if position not in kept.trials)
+        task = TrialTask(plan.cells, plan.trials, plan.seed, waiting)
+        if waiting:
+            _warm_up(plan)
+        with _pool(workers, len(waiting)) as pool:
+            for position, trial in zip(waiting, ordered_map(task, len(waiting), pool), strict=True):
+                kept.add(position, trial)
+                if progress is not None:
+                    progress(len(kept.trials), len(plan))
+        ordered = [kept.trials[position] for position in range(len(plan))]
+        kept.finish()
+    return [ordered[start : start + plan.trials] for start in range(0, len(ordered), plan.trials)]
+
+
+def _warm_up(plan: Plan) -> None:
+    """Compiles the kernels before there are several processes, each of which would do it."""
+    for cell in {cell.experiment.name: cell for cell in plan.cells}.values():
+        run_trial(replace(cell, counts=(3,)), plan.seed, 0)
+
+
+@contextmanager
+def _pool(workers: int | None, tasks: int) -> Iterator[Workers]:
+    """One for `ordered_map`. Processes, since the rules are pure Python and would wait for each other in threads."""
+    processes = min(cores() if workers is None else workers, max(tasks, 1))
+    if processes == 1:
+        yield 1
+        return
+    spawn = multiprocessing.get_context("spawn")  # a fork would copy the locks of running threads
+    with ProcessPoolExecutor(processes, mp_context=spawn, initializer=_end_with_parent) as pool:
+        yield pool
+
+
+def _end_with_parent() -> None:
+    """Without this, processes whose parent was killed wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
