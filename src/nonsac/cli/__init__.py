@@ -11,7 +11,7 @@ import typer
 from nonsac.cli.messages import say, tell
 from nonsac.cli.poses import absolute_pose, relative_pose
 from nonsac.cli.registration import demo, register_clouds, register_pairs
-from nonsac.cli.reproduce import table4
+from nonsac.cli.reproduce import section5, table2, table4
 from nonsac.cli.warmup import warmup
 
 # Click's own type, which newer versions of typer carry inside themselves.
@@ -24,7 +24,8 @@ app = typer.Typer(help="Robust geometric estimation from data too large or too d
 for command in (register_clouds, register_pairs, relative_pose, absolute_pose, demo, warmup):
     app.command()(command)
 reproduce = typer.Typer(help="Run the paper's experiments.", **_SETTINGS)
-reproduce.command()(table4)
+for experiment in (table2, table4, section5):
+    reproduce.command()(experiment)
 app.add_typer(reproduce, name="reproduce")
 
 

@@ -7,7 +7,7 @@ of its rules come closest to its Table 2 (docs/reproduction.md has the search).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -21,7 +21,7 @@ from nonsac.poses import absolute_pose, relative_pose
 from nonsac.problems import AbsolutePose, Problem, Registration, RelativePose
 from nonsac.result import Array, Result
 
-__all__ = ["EXPERIMENTS", "Experiment"]
+__all__ = ["EXPERIMENTS", "Experiment", "chosen"]
 
 # n, outlier ratio, noise, generator -> rows, true transform
 Simulation = Callable[[int, float, float, np.random.Generator], tuple[Array, Array]]
@@ -123,3 +123,13 @@ EXPERIMENTS = {
         ),
     )
 }
+
+
+def chosen(names: Iterable[str]) -> tuple[Experiment, ...]:
+    """The experiments with these names, in the order of Table 2."""
+    wanted = tuple(names)
+    unknown = [name for name in wanted if name not in EXPERIMENTS]
+    if unknown or not wanted:
+        known = ", ".join(EXPERIMENTS)
+        raise ValueError(f"problems must be some of {known}, got {', '.join(map(repr, unknown)) or 'none'}")
+    return tuple(experiment for name, experiment in EXPERIMENTS.items() if name in wanted)

@@ -15,7 +15,7 @@ __all__ = ["Journal"]
 
 
 class Journal:
-    """What is done of a run. Use it as a context manager; `finish` removes the file.
+    """What is done of a run; a context manager that closes the file.
 
     Parameters
     ----------
@@ -48,11 +48,16 @@ class Journal:
         header, *lines = whole.splitlines()
         if not resume:
             raise ValueError(
-                f"{self._path} holds {len(lines)} finished trials of a run that was stopped; "
-                "go on with resume (--resume), or remove it"
+                f"{self._path} is left from a run that was stopped, with {len(lines)} trials done; "
+                "go on there with resume (--resume), or remove it"
             )
-        _check_settings(self._path, json.loads(header)["settings"], json.loads(json.dumps(settings)))
-        self.trials = dict(map(_read, lines))
+        try:
+            before = json.loads(header)["settings"]
+            trials = dict(map(_read, lines))
+        except (ValueError, TypeError, KeyError, IndexError) as error:
+            raise ValueError(f"{self._path} is not a record of a run; remove it, or choose another name") from error
+        _check_settings(self._path, before, json.loads(json.dumps(settings)))
+        self.trials = trials
         os.truncate(self._path, len(whole.encode()))
         self._file = self._path.open("a", encoding="utf-8")
 
@@ -62,12 +67,6 @@ class Journal:
         if self._file is not None:
             self._file.write(_line(position, trial))
             self._file.flush()
-
-    def finish(self) -> None:
-        """Remove the file: its content is in the report now."""
-        self.__exit__(None, None, None)
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
         return self

@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 from nonsac.executors import Workers, cores, ordered_map
 from nonsac.reproduce.cells import Cell, Trial, TrialTask, run_trial
 from nonsac.reproduce.journal import Journal
 
-__all__ = ["Plan", "run_trials"]
+__all__ = ["Plan", "check_trials", "run_trials"]
 
 Progress = Callable[[int, int], object]
-
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,11 @@ class Plan:
 
     def __len__(self) -> int:
         return len(self.cells) * self.trials
+
+
+def check_trials(trials: int) -> None:
+    if trials < 1:
+        raise ValueError(f"trials must be at least 1, got {trials!r}")
 
 
 def run_trials(
@@ -51,7 +56,7 @@ def run_trials(
     progress : callable, optional
         Called as `progress(done, total)`.
     journal : path-like, optional
-        Keeps the finished trials while the run lasts.
+        Keeps the finished trials; remove it when the report is safe.
     resume : bool
         Go on where the journal ends.
 
@@ -71,7 +76,6 @@ def run_trials(
                 if progress is not None:
                     progress(len(kept.trials), len(plan))
         ordered = [kept.trials[position] for position in range(len(plan))]
-        kept.finish()
     return [ordered[start : start + plan.trials] for start in range(0, len(ordered), plan.trials)]
 
 
@@ -97,4 +101,9 @@ def _end_with_parent() -> None:
     """Without this, processes whose parent was killed wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+        threading.Thread(target=_outlive, args=(parent,), daemon=True).start()
+
+
+def _outlive(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)

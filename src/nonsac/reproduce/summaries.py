@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Sequence
 from importlib.metadata import version
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,16 @@ from nonsac.evaluation import mean_average_accuracy
 from nonsac.reproduce.cells import RULES, Trial
 from nonsac.result import VERSION
 
-__all__ = ["PERCENTILES", "WRONG_ABOVE", "accuracies", "claims", "environment", "mean_accuracies", "percentiles", "times"]
+__all__ = [
+    "PERCENTILES",
+    "WRONG_ABOVE",
+    "accuracies",
+    "claims",
+    "environment",
+    "mean_accuracies",
+    "percentiles",
+    "times",
+]
 
 PERCENTILES = (5, 25, 50, 75, 95)
 # Beyond the largest threshold of the mAA.
@@ -32,20 +42,23 @@ def mean_accuracies(cells: Sequence[Sequence[Trial]], m: int) -> dict[str, float
     return {rule: float(np.mean([accuracy[rule] for accuracy in found])) for rule in RULES}
 
 
-def percentiles(trials: Sequence[Trial], m: int) -> dict[str, list[float]]:
-    """`PERCENTILES` of the errors in degrees by rule; an estimate that failed counts as 180."""
+def percentiles(cells: Sequence[Sequence[Trial]], m: int) -> dict[str, list[float]]:
+    """`PERCENTILES` of all errors in degrees by rule; an estimate that failed counts as 180."""
+    trials = list(chain.from_iterable(cells))
     errors = {rule: np.nan_to_num([t.errors[m][rule] for t in trials], nan=180.0) for rule in RULES}
     return {rule: [float(x) for x in np.percentile(values, PERCENTILES)] for rule, values in errors.items()}
 
 
-def times(trials: Sequence[Trial], m: int) -> dict[str, float]:
-    """Median seconds by stage."""
+def times(cells: Sequence[Sequence[Trial]], m: int) -> dict[str, float]:
+    """Median seconds of all trials by stage."""
+    trials = list(chain.from_iterable(cells))
     stages = trials[0].seconds[m]
     return {stage: float(np.median([t.seconds[m][stage] for t in trials])) for stage in stages}
 
 
-def claims(trials: Sequence[Trial], m: int) -> dict[str, int]:
-    """How `refined` judged its own answers: right and wrong ones (`WRONG_ABOVE`), trusted and not."""
+def claims(cells: Sequence[Sequence[Trial]], m: int) -> dict[str, int]:
+    """How `refined` judged its own answers in all trials: right and wrong ones (`WRONG_ABOVE`), trusted and not."""
+    trials = list(chain.from_iterable(cells))
     right = np.array([t.errors[m]["refined"] < WRONG_ABOVE for t in trials])
     claimed = np.array([t.claimed[m] for t in trials])
     return {

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from nonsac.reproduce import summaries
 from nonsac.reproduce.cells import RULES, Cell, Trial
-from nonsac.reproduce.experiments import EXPERIMENTS
-from nonsac.reproduce.running import Plan, Progress, run_trials
+from nonsac.reproduce.experiments import EXPERIMENTS, chosen
+from nonsac.reproduce.running import Plan, Progress, check_trials, run_trials
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -79,7 +79,7 @@ def run(
     progress : callable, optional
         Called as `progress(done, trials of all cells)`.
     journal : path-like, optional
-        Keeps the finished trials while the run lasts.
+        Keeps the finished trials; remove it when the report is safe.
     resume : bool
         Go on where the journal of a run that was stopped ends.
 
@@ -106,7 +106,7 @@ def table(report: Mapping[str, Any], problem: str) -> Table:
     from rich.table import Table
 
     settings, columns = report["settings"], report[problem]
-    title = f"Table 2, {problem}: average mAA, {settings['trials']} trials in each of {_cells_of(report, problem)} cells"
+    title = f"Table 2, {problem}: mAA, {_cells_of(report, problem)} cells of {settings['trials']} trials"
     result = Table(box=SIMPLE_HEAD, collapse_padding=True, title=title, caption=_caption(report, problem))
     result.add_column("rule", no_wrap=True)
     for m in columns:
@@ -122,15 +122,10 @@ def table(report: Mapping[str, Any], problem: str) -> Table:
 
 
 def _plan(problems: Iterable[str], samples: Iterable[int], trials: int, seed: int) -> Plan:
-    names, counts = tuple(problems), tuple(sorted(set(samples)))
-    unknown = [name for name in names if name not in EXPERIMENTS]
-    if unknown or not names:
-        raise ValueError(f"problems must be some of {', '.join(EXPERIMENTS)}, got {', '.join(unknown) or 'none'}")
+    counts, experiments = tuple(sorted(set(samples))), chosen(problems)
     if not counts or counts[0] < 1:
         raise ValueError(f"samples must be numbers of at least 1, got {counts!r}")
-    if trials < 1:
-        raise ValueError(f"trials must be at least 1, got {trials!r}")
-    experiments = [experiment for name, experiment in EXPERIMENTS.items() if name in names]
+    check_trials(trials)
     cells = tuple(
         Cell(experiment, outlier_ratio, noise, counts, experiment.sample_size)
         for experiment in experiments
@@ -157,7 +152,6 @@ def _report(plan: Plan, outcomes: Sequence[Sequence[Trial]]) -> dict[str, Any]:
         name: [trials for cell, trials in zip(plan.cells, outcomes, strict=True) if cell.experiment.name == name]
         for name in names
     }
-    pooled = {name: [trial for trials in cells for trial in trials] for name, cells in by_problem.items()}
     return {
         **{name: {str(m): summaries.mean_accuracies(cells, m) for m in counts} for name, cells in by_problem.items()},
         "cells": [
@@ -170,11 +164,11 @@ def _report(plan: Plan, outcomes: Sequence[Sequence[Trial]]) -> dict[str, Any]:
             for cell, trials in zip(plan.cells, outcomes, strict=True)
         ],
         "percentiles": {
-            name: {str(m): summaries.percentiles(trials, m) for m in counts} for name, trials in pooled.items()
+            name: {str(m): summaries.percentiles(cells, m) for m in counts} for name, cells in by_problem.items()
         },
-        "claims": {name: {str(m): summaries.claims(trials, m) for m in counts} for name, trials in pooled.items()},
+        "claims": {name: {str(m): summaries.claims(cells, m) for m in counts} for name, cells in by_problem.items()},
         "settings": dict(plan.settings),
-        "seconds": {name: {str(m): summaries.times(trials, m) for m in counts} for name, trials in pooled.items()},
+        "seconds": {name: {str(m): summaries.times(cells, m) for m in counts} for name, cells in by_problem.items()},
     }
 
 
@@ -186,7 +180,7 @@ def _caption(report: Mapping[str, Any], problem: str) -> str:
     most = max(report[problem], key=int)
     seconds, judged = report["seconds"][problem][most], report["claims"][problem][most]
     return (
-        f"m = {most}: {seconds['hypotheses']:.2g} s for the hypotheses, {seconds['refined']:.2g} s for refined (medians)\n"
-        f"refined trusted {judged['trusted_right']} right and {judged['trusted_wrong']} wrong answers, "
+        f"m = {most}: hypotheses {seconds['hypotheses']:.2g} s, refined {seconds['refined']:.2g} s (medians)\n"
+        f"refined trusted {judged['trusted_right']} right and {judged['trusted_wrong']} wrong answers\n"
         f"and doubted {judged['untrusted_right']} right ones"
     )

@@ -1,0 +1,105 @@
+"""Trials in processes, and runs that are stopped."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from nonsac.reproduce import running
+from nonsac.reproduce.cells import RULES, Cell, Trial
+from nonsac.reproduce.experiments import EXPERIMENTS
+from nonsac.reproduce.journal import Journal
+from nonsac.reproduce.running import Plan, run_trials
+
+
+@pytest.fixture(scope="module")
+def plan():
+    registration = EXPERIMENTS["registration"]
+    cells = tuple(Cell(registration, 0.9, noise, (2, 3), 500) for noise in (0.01, 0.02))
+    return Plan(cells, trials=3, seed=0, settings={"seed": 0, "trials": 3})
+
+
+@pytest.fixture(scope="module")
+def whole(plan):
+    return run_trials(plan, workers=1)
+
+
+def errors_of(outcomes):
+    return [[trial.errors for trial in cell] for cell in outcomes]
+
+
+def test_one_list_of_trials_for_each_cell(plan, whole):
+    assert [len(trials) for trials in whole] == [3, 3]
+    for cell, trials in zip(plan.cells, whole, strict=True):
+        for number, trial in enumerate(trials):
+            assert trial.errors == running.run_trial(cell, 0, number).errors
+
+
+def test_processes_change_nothing(plan, whole):
+    seen = []
+    outcomes = run_trials(plan, workers=2, progress=lambda *done: seen.append(done))
+    assert errors_of(outcomes) == errors_of(whole)
+    assert seen == [(done, 6) for done in range(1, 7)]
+
+
+@pytest.mark.parametrize("kept", [0, 1, 4, 6])
+def test_a_stopped_run_goes_on_where_it_was(plan, whole, tmp_path, kept, monkeypatch):
+    path = tmp_path / "journal"
+    ran = []
+    original = running.run_trial
+
+    class Stopped(Exception):
+        pass
+
+    def stop(done, total):
+        if done == kept:
+            raise Stopped
+
+    if kept:
+        with pytest.raises(Stopped):
+            run_trials(plan, 1, stop, path)
+    text = path.read_text() if kept else ""
+    path.write_text(text + '[5, {"2": {"ide')  # killed while it wrote
+
+    def recorded(cell, seed, number):
+        ran.append((cell.noise, number))
+        return original(cell, seed, number)
+
+    monkeypatch.setattr("nonsac.reproduce.cells.run_trial", recorded)
+    outcomes = run_trials(plan, 1, journal=path, resume=True)
+    assert errors_of(outcomes) == errors_of(whole)
+    assert len(ran) == 6 - kept
+    lines = path.read_text().splitlines()
+    assert len(lines) == 7
+    assert [json.loads(line)[0] for line in lines[1:]] == list(range(6))
+
+
+def test_the_journal_keeps_every_bit(tmp_path):
+    errors = {
+        m: {rule: float(e) for rule, e in zip(RULES, np.random.default_rng(m).random(22), strict=True)} for m in (1, 20)
+    }
+    errors[1]["ideal"] = float("nan")
+    trial = Trial(errors, {1: {"fixed": 0.1}, 20: {"fixed": 1 / 3}}, {1: True, 20: False})
+    with Journal(tmp_path / "j", {"seed": 1}) as journal:
+        journal.add(9, trial)
+    with Journal(tmp_path / "j", {"seed": 1}, resume=True) as journal:
+        again = journal.trials[9]
+    assert repr(again) == repr(trial)
+
+
+def test_a_journal_of_another_run_is_refused(tmp_path):
+    path = tmp_path / "report.json.partial"
+    with Journal(path, {"seed": 1, "samples": (10, 20)}) as journal:
+        journal.add(0, Trial({}, {}, {}))
+    content = path.read_bytes()
+    with pytest.raises(ValueError, match=r"with 1 trials done; .*--resume"):
+        Journal(path, {"seed": 1, "samples": (10, 20)})
+    with pytest.raises(ValueError, match=re.escape("is of a run with samples [10, 20], not [10]")):
+        Journal(path, {"seed": 1, "samples": (10,)}, resume=True)
+    with pytest.raises(ValueError, match="with trials None, not 5"):
+        Journal(path, {"seed": 1, "samples": (10, 20), "trials": 5}, resume=True)
+    assert path.read_bytes() == content
+    path.write_text("something else\n")
+    with pytest.raises(ValueError, match="is not a record of a run"):
+        Journal(path, {"seed": 1}, resume=True)
