@@ -12,9 +12,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import textwrap
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from nonsac.reproduce import pictures
 from nonsac.reproduce.cells import RULES
@@ -79,8 +82,8 @@ mAA with m = {counts}; all rules are in `benchmarks/results/table2.json`.
 
 ## Section 5: how many samples, and of which size
 
-The paper discusses both without figures. {curve_trials} trials at the middle noise of Table 2 and its lowest, middle and
-highest outlier ratio, averaged; m varies at the paper's N, and N at m = 10. The search in each sample does not change.
+The paper discusses both without figures. {curve_trials} trials at the middle noise of Table 2 and at its lowest, middle
+and highest outlier ratio, averaged; m varies at the paper's N, and N at m = 10. The search in a sample stays the same.
 
 {curves}
 
@@ -107,6 +110,13 @@ def page(table2: Report, settings: Report, section5: Report) -> str:
         cell_tables="\n\n".join(cell_table(table2, problem) for problem in TITLES),
         curve_trials=section5["settings"]["trials"],
         curves="\n\n".join(curve_table(section5, problem, curve) for problem in TITLES for curve in CURVES),
+    )
+
+
+def paragraph(text: str, indent: str = "") -> str:
+    """The words in lines of at most 120 letters."""
+    return textwrap.fill(
+        " ".join(text.split()), 120, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
 
 
@@ -238,3 +248,210 @@ def triple(table2: Report, problem: str, rule: str) -> str:
 def claim(text: str, holds: bool, figures: str) -> str:
     """One line of the list."""
     return f"- {text}: **{'holds' if holds else 'refuted'}** ({figures})."
+
+
+def reasons(differing: Iterable[tuple[str, int, str, float]], settings: Report) -> str:
+    """The entries that differ, in groups, each with what was measured about it."""
+    left = list(differing)
+    lines = []
+    for title, belongs, text in REASONS:
+        mine = [entry for entry in left if belongs(entry[0], entry[2])]
+        left = [entry for entry in left if entry not in mine]
+        if mine:
+            lines.append(paragraph(f"- **{title}** ({listed(mine)}). {text(settings)}", "  "))
+    if left:
+        sys.exit(f"no reason is given for {left}")
+    return "\n".join(lines)
+
+
+def listed(entries: Iterable[tuple[str, int, str, float]]) -> str:
+    """Rule by rule, with the differences for each m."""
+    by_rule: dict[str, list[str]] = {}
+    for _, m, rule, value in entries:
+        by_rule.setdefault(rule, []).append(f"{value:+.2f} at {m}")
+    return "; ".join(f"{rule} {', '.join(values)}" for rule, values in by_rule.items())
+
+
+def measured(settings: Report, label: str, *rules: str) -> str:
+    """Rules under a variant."""
+    accuracy = settings["variants"][label]["accuracy"]
+    return ", ".join(f"{rule} {' '.join(f'{accuracy[str(m)][rule]:.2f}' for m in PAPER_COUNTS)}" for rule in rules)
+
+
+def published(problem: str, *rules: str) -> str:
+    """The same rules in the paper."""
+    return ", ".join(f"{rule} {' '.join(f'{PAPER[problem][m][rule]:.2f}' for m in PAPER_COUNTS)}" for rule in rules)
+
+
+def settings_text(table2: Report, settings: Report) -> str:
+    """What was chosen, and what other choices would give."""
+    trials = settings["settings"]["trials"]
+    error = 0.5 / np.sqrt(trials * len(table2["cells"]) / len(PAPER))
+    return "\n\n".join(
+        [
+            paragraph(f"""
+                The paper states the outlier ranges, the thresholds (5 noise), N, 100 trials, samples without overlap,
+                and the noise levels of PnP. Outlier ratios here are six in equal steps. Free are the noise levels of
+                relative pose and registration, three each, and the iterations of RANSAC, and they alone are fitted
+                (`benchmarks/table2_settings.py`, {trials} trials a cell, other seeds). The distance is the mean
+                difference from the paper over {", ".join(settings["settings"]["fitted"])}, each kind counting the same.
+                An average of so many trials has a standard error of up to {error:.3f}, so the first lines of each table
+                are equals. Taken is, for relative pose, the closest set whose levels double as those of PnP do, with
+                the fewest iterations within that error of the best; for registration, where no such set comes near,
+                the closest in equal steps. What else the paper leaves open is in
+                [decision 2](decisions/0002-two-slips-and-open-settings.md).
+            """),
+            *(fits_table(table2, settings, problem) for problem in TITLES),
+        ]
+    )
+
+
+def fits_table(table2: Report, settings: Report, problem: str) -> str:
+    """The best settings, the chosen ones, and their neighbours."""
+    chosen = table2["settings"]["problems"][problem]
+    iterations = chosen["estimator"].get("iterations")
+    fits = settings["fits"][problem]
+
+    def is_chosen(fit: Report) -> bool:
+        return fit["noises"] == chosen["noises"] and fit["iterations"] == iterations
+
+    shown = [
+        fit
+        for place, fit in enumerate(fits)
+        if place < 5 or fit["noises"] == chosen["noises"] or (fit["iterations"] == iterations and place < 10)
+    ]
+    rows = (
+        [
+            f"{'**' if is_chosen(fit) else ''}{' '.join(f'{noise:g}' for noise in fit['noises'])}"
+            f"{'** (taken)' if is_chosen(fit) else ''}",
+            "" if fit["iterations"] is None else f"{fit['iterations']:,}",
+            f"{fit['distance']:.3f}",
+            f"{100 * fit['within']:.0f} %",
+        ]
+        for fit in shown
+    )
+    header = [f"{TITLES[problem]}: noise levels", "iterations", "distance", f"within {MOST}"]
+    return markdown(header, rows)
+
+
+def main() -> None:
+    """Write the page and the pictures, or compare the page."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--check", action="store_true")
+    check = parser.parse_args().check
+    table2, settings, section5 = (
+        json.loads((RESULTS / f"{name}.json").read_text()) for name in ("table2", "table2_settings", "section5")
+    )
+    fresh, target = page(table2, settings, section5), DOCS / "reproduction.md"
+    if check and fresh != target.read_text():
+        sys.exit(f"{target.name} does not agree with benchmarks/results: run python benchmarks/reproduction.py")
+    if check:
+        return
+    target.write_text(fresh)
+    for name, draw in PICTURES.items():
+        draw(DOCS / "images" / f"table2_{name}.png", table2)
+    pictures.section5(DOCS / "images" / "section5.png", section5)
+
+
+PICTURES: dict[str, Callable[[Path, Report], None]] = {
+    "heat_maps": pictures.heat_maps,
+    "accuracy": pictures.accuracy_curves,
+    "errors": pictures.error_boxes,
+    "time": pictures.error_against_time,
+}
+
+MINIMA_AND_FIXED = (*MINIMA, "fixed")
+
+
+def of_exact_zeros(settings: Report) -> str:
+    """TLP with p = 0.01."""
+    return f"""
+        With so small a power, a residual of exactly zero weighs as much as dozens of inliers, and the rows of the
+        minimal sample have one by chance of rounding. Our P3P ends in Newton steps and leaves about 1e-16 in every
+        hypothesis alike. With one in ten of these made exactly zero, and nothing else changed, the rule gives
+        {measured(settings, "exact zeros", "tlp_0.01", "tlp_0.1")}; the paper has
+        {published("absolute-pose", "tlp_0.01", "tlp_0.1")}.
+    """
+
+
+def of_iterations(settings: Report) -> str:
+    """The minimum rules of PnP."""
+    return f"""
+        These rules fail where any of the m searches fails, so they follow the iterations more than any other. With
+        1,000 iterations they are {measured(settings, "1,000 iterations", *MINIMA)} (paper:
+        {published("absolute-pose", *MINIMA)}), but then {measured(settings, "1,000 iterations", "ideal", "tlp_0.1")}
+        (paper: {published("absolute-pose", "ideal", "tlp_0.1")}). No number of iterations meets both, so it is in how
+        wrong hypotheses look, which the solver and the placement of the cameras decide; the paper states neither. The
+        collapse itself is there.
+    """
+
+
+def of_tolerance(settings: Report) -> str:
+    """The minimum rules and the fixed sample in registration."""
+    return f"""
+        They follow the tolerance of PCR-99's test of pairs, which the paper does not state. Ours is two standard
+        deviations of the noise, was chosen before this table, and is not fitted. With one standard deviation they are
+        {measured(settings, "one standard deviation", *MINIMA, "fixed")}; the paper has
+        {published("registration", *MINIMA, "fixed")}. The others then are
+        {measured(settings, "one standard deviation", "ideal", "most_inliers", "tlp_0.1")} (paper:
+        {published("registration", "ideal", "most_inliers", "tlp_0.1")}).
+    """
+
+
+def of_exact_zeros_in_squares(settings: Report) -> str:
+    """TLP with p = 0.01 in relative pose."""
+    label = "exact zeros, relative pose"
+    return f"""
+        As for PnP below, with five rows in a minimal sample: one in ten of their residuals made exactly zero gives
+        {measured(settings, label, "tlp_0.01", "tlp_0.1")}; the paper has
+        {published("relative-pose", "tlp_0.01", "tlp_0.1")}.
+    """
+
+
+def of_fewer_iterations(settings: Report) -> str:
+    """The closest pair in relative pose."""
+    noises = EXPERIMENTS["relative-pose"].noises
+    accuracies = [
+        entry["accuracy"]
+        for entry in settings["levels"]
+        if entry["problem"] == "relative-pose" and entry["noise"] in noises and entry["iterations"] == 3000
+    ]
+    fewer = [np.mean([a[str(m)]["closest_pair"] for a in accuracies]) for m in PAPER_COUNTS]
+    return f"""
+        It follows the iterations: with 3,000 of them it is {" ".join(f"{value:.2f}" for value in fewer)} (paper:
+        {published("relative-pose", "closest_pair")}), but the other rules are farther from the paper then (table under
+        Settings). The paper's hardly grows from 10 to 20 samples, and ours does; why is not known.
+    """
+
+
+# Title, whether it belongs there (problem, rule), and the text.
+REASONS: list[tuple[str, Callable[[str, str], bool], Callable[[Report], str]]] = [
+    (
+        "Relative pose, TLP with p = 0.01",
+        lambda problem, rule: (problem, rule) == ("relative-pose", "tlp_0.01"),
+        of_exact_zeros_in_squares,
+    ),
+    (
+        "Relative pose, closest pair",
+        lambda problem, rule: (problem, rule) == ("relative-pose", "closest_pair"),
+        of_fewer_iterations,
+    ),
+    (
+        "PnP, TLP with p = 0.01",
+        lambda problem, rule: (problem, rule) == ("absolute-pose", "tlp_0.01"),
+        of_exact_zeros,
+    ),
+    (
+        "PnP, minimum mean, median and upper quartile",
+        lambda problem, rule: problem == "absolute-pose" and rule in MINIMA,
+        of_iterations,
+    ),
+    (
+        "Registration, minimum mean, median and upper quartile, and the fixed sample",
+        lambda problem, rule: problem == "registration" and rule in (*MINIMA, "fixed"),
+        of_tolerance,
+    ),
+]
+
+if __name__ == "__main__":
+    main()
