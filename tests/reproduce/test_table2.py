@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,6 +100,25 @@ def test_killed_and_resumed(files, tmp_path):
     assert cli.main(["reproduce", "table2", *SHORT, "--json", str(path), "--resume"]) == 0
     assert without_seconds(path) == without_seconds(files / "report.json")
     assert os.listdir(tmp_path) == ["report.json"]
+
+
+def test_a_worker_that_is_killed(tmp_path):
+    path = tmp_path / "report.json"
+    command = [sys.executable, "-m", "nonsac", "reproduce", "table2", *SHORT, "--workers", "2", "--json", str(path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    wait_until(lambda: len(pool_of(process.pid)) == 2, process)
+    os.kill(pool_of(process.pid)[0], signal.SIGKILL)
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, out) == (2, "")
+    assert err.startswith("nonsac: a worker process was killed")
+    assert err.count("\n") == 1
+    assert os.listdir(tmp_path) == ["report.json.partial"]
+
+
+def pool_of(parent):
+    """The processes of its pool."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
 def wait_until(happened, process=None):

@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing.process import BaseProcess
@@ -64,6 +65,13 @@ def run_trials(
     -------
     list of list of Trial
         For each cell its trials.
+
+    Raises
+    ------
+    ValueError
+        If the journal belongs to another run.
+    ChildProcessError
+        If a worker process is killed.
     """
     with Journal(journal, plan.settings, resume) as kept:
         waiting = tuple(position for position in range(len(plan)) if position not in kept.trials)
@@ -94,7 +102,13 @@ def _pool(workers: int | None, tasks: int) -> Iterator[Workers]:
         return
     spawn = multiprocessing.get_context("spawn")  # a fork would copy the locks of running threads
     with ProcessPoolExecutor(processes, mp_context=spawn, initializer=_end_with_parent) as pool:
-        yield pool
+        try:
+            yield pool
+        except BrokenProcessPool as error:
+            raise ChildProcessError(
+                "a worker process was killed, perhaps for want of memory; finished trials are kept "
+                "where there is a journal (--json, --resume)"
+            ) from error
 
 
 def _end_with_parent() -> None:

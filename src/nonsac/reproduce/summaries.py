@@ -69,11 +69,12 @@ def claims(cells: Sequence[Sequence[Trial]], m: int) -> dict[str, int]:
     }
 
 
-def environment() -> dict[str, Any]:
+def environment(*more_packages: str) -> dict[str, Any]:
     """Machine and versions."""
+    packages = ("numpy", "scipy", "numba", *more_packages)
     return {
         "version": VERSION,
         "machine": {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count()},
         "python": platform.python_version(),
-        "packages": {name: version(name) for name in ("numpy", "scipy", "numba")},
+        "packages": {name: version(name) for name in packages},
     }

@@ -6,10 +6,8 @@ Every rule of the paper chooses among the same ten hypotheses; the row `refined`
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -25,7 +23,8 @@ from nonsac.executors import Workers
 from nonsac.io import read_cloud
 from nonsac.pipeline import estimate
 from nonsac.problems import Registration
-from nonsac.result import VERSION, Result
+from nonsac.reproduce import summaries
+from nonsac.result import Result
 from nonsac.scoring import Ideal, paper_rules, select
 from nonsac.simulate import CloudPair, cloud_pair
 from nonsac.sources import AllPairsSource
@@ -234,8 +233,5 @@ def _settings(cloud: str, trials: int, seed: int, workers: Workers) -> dict[str,
         "refined": "nonsac.register_clouds with its defaults",
         "wrong_above_deg": WRONG_ABOVE,
         "workers": workers if workers is None or isinstance(workers, int) else type(workers).__name__,
-        "version": VERSION,
-        "machine": {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count()},
-        "python": platform.python_version(),
-        "packages": {name: version(name) for name in ("numpy", "scipy", "numba", "small_gicp")},
+        **summaries.environment("small_gicp"),
     }
