@@ -59,7 +59,7 @@ def test_a_stopped_run_goes_on_where_it_was(plan, whole, tmp_path, kept, monkeyp
     if kept:
         with pytest.raises(Stopped):
             run_trials(plan, 1, stop, path)
-    text = path.read_text() if kept else ""
+    text = path.read_text() if kept else json.dumps({"settings": plan.settings}) + "\n"
     path.write_text(text + '[5, {"2": {"ide')  # killed while it wrote
 
     def recorded(cell, seed, number):
@@ -100,6 +100,41 @@ def test_a_journal_of_another_run_is_refused(tmp_path):
     with pytest.raises(ValueError, match="with trials None, not 5"):
         Journal(path, {"seed": 1, "samples": (10, 20), "trials": 5}, resume=True)
     assert path.read_bytes() == content
-    path.write_text("something else\n")
-    with pytest.raises(ValueError, match="is not a record of a run"):
-        Journal(path, {"seed": 1}, resume=True)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"precious note",
+        b"something else\n",
+        b"[1]\n",
+        b'{"settings": 5}\n',
+        b"\xff\n",
+        b'{"settings": {}}\n[0,[1],[2],[3]]\n',
+    ],
+)
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_file_that_is_no_journal_is_refused_and_kept(tmp_path, content, resume):
+    path = tmp_path / "report.json.partial"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"report\.json\.partial is not a record of a run"):
+        Journal(path, {"seed": 1}, resume)
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    "line", ["[0, {}, {}, {}]", '[99, {"2": {}, "3": {}}, {"2": {}, "3": {}}, {"2": true, "3": true}]']
+)
+def test_a_damaged_trial_is_told_before_others_run(plan, tmp_path, line):
+    path = tmp_path / "journal"
+    path.write_text(json.dumps({"settings": plan.settings}) + "\n" + line + "\n")
+    with pytest.raises(ValueError, match="is damaged"):
+        run_trials(plan, 1, journal=path, resume=True, progress=lambda *_: pytest.fail("ran"))
+
+
+def test_a_run_that_was_killed_in_its_first_line_starts_anew(tmp_path):
+    path = tmp_path / "journal"
+    path.write_text('{"settings": {"se')
+    with Journal(path, {"seed": 1}) as journal:
+        assert journal.trials == {}
+    assert path.read_text() == '{"settings": {"seed": 1}}\n'

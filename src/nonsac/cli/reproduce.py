@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from nonsac.cli.messages import tell, wrote
+from nonsac.cli.messages import say, tell, wrote
 from nonsac.cli.options import Quiet, Seed, Workers
 from nonsac.cli.outputs import Outputs
 from nonsac.cli.session import session
@@ -144,7 +144,10 @@ class Files:
     def journal(self, resume: bool) -> Path | None:
         """Beside the report."""
         if self.report is not None:
-            return self.report.with_name(self.report.name + ".partial")
+            journal = self.report.with_name(self.report.name + ".partial")
+            if resume and not journal.exists():
+                say(f"nothing to resume at {journal}: starting anew")
+            return journal
         if resume:
             problem = "needs --json FILE, beside which finished trials are kept"
             raise typer.BadParameter(problem, param_hint="'--resume'")

@@ -37,7 +37,7 @@ class Cell:
     sample_size: int
 
     def generator(self, seed: int, number: int) -> np.random.Generator:
-        """Of trial `number`: it depends on the cell's own values and not on what else is run."""
+        """Of trial `number`; data are drawn for the most samples, so they also depend on the largest of `counts`."""
         place = f"{self.experiment.name} {self.outlier_ratio:g} {self.noise:g} {self.sample_size}"
         return np.random.default_rng([seed, number, zlib.crc32(place.encode())])
 

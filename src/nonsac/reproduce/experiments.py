@@ -1,8 +1,9 @@
 """The simulations of Sec. 4.1 to 4.3: what is drawn, at which noise and outlier ratios, and how samples are estimated.
 
 The paper states the outlier ranges, the thresholds (5 noise) and the sample sizes, and the noise levels of PnP. Its
-other noise levels, the steps between the outlier ratios and the iterations of RANSAC are those under which the averages
-of its rules come closest to its Table 2 (docs/reproduction.md has the search).
+other noise levels, the steps between the outlier ratios and the iterations of RANSAC were chosen after a search for
+values that bring the averages of its rules near its Table 2; they are near the best found, not the best
+(docs/reproduction.md has the search and the choice).
 """
 
 from __future__ import annotations

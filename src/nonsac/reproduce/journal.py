@@ -38,28 +38,24 @@ class Journal:
         self._file: TextIO | None = None
         if self._path is None:
             return
-        text = self._path.read_text(encoding="utf-8") if self._path.exists() else ""
-        whole = text[: text.rfind("\n") + 1]  # the last line is torn where the run was killed
-        if not whole:
-            self._file = self._path.open("w", encoding="utf-8")
-            self._file.write(json.dumps({"settings": settings}) + "\n")
+        header = (json.dumps({"settings": settings}) + "\n").encode()
+        content = self._path.read_bytes() if self._path.exists() else b""
+        if header.startswith(content):  # nothing there, or killed while it wrote the first line
+            self._file = self._path.open("w", encoding="utf-8", newline="\n")
+            self._file.write(header.decode())
             self._file.flush()
             return
-        header, *lines = whole.splitlines()
+        whole = content[: content.rfind(b"\n") + 1]  # the last line is torn where the run was killed
+        before, trials = _parsed(self._path, whole)
         if not resume:
             raise ValueError(
-                f"{self._path} is left from a run that was stopped, with {len(lines)} trials done; "
+                f"{self._path} is left from a run that was stopped, with {len(trials)} trials done; "
                 "go on there with resume (--resume), or remove it"
             )
-        try:
-            before = json.loads(header)["settings"]
-            trials = dict(map(_read, lines))
-        except (ValueError, TypeError, KeyError, IndexError) as error:
-            raise ValueError(f"{self._path} is not a record of a run; remove it, or choose another name") from error
-        _check_settings(self._path, before, json.loads(json.dumps(settings)))
+        _check_settings(self._path, before, json.loads(header)["settings"])
         self.trials = trials
-        os.truncate(self._path, len(whole.encode()))
-        self._file = self._path.open("a", encoding="utf-8")
+        os.truncate(self._path, len(whole))
+        self._file = self._path.open("a", encoding="utf-8", newline="\n")
 
     def add(self, position: int, trial: Trial) -> None:
         """Keep a finished trial."""
@@ -82,9 +78,25 @@ def _line(position: int, trial: Trial) -> str:
     return json.dumps([position, trial.errors, trial.seconds, trial.claimed]) + "\n"
 
 
+def _parsed(path: Path, content: bytes) -> tuple[Mapping[str, Any], dict[int, Trial]]:
+    """The settings and the finished trials of a journal."""
+    try:
+        header, *lines = content.decode().splitlines()
+        settings = json.loads(header)["settings"]
+        if not isinstance(settings, dict):
+            raise TypeError("settings")
+        return settings, dict(map(_read, lines))
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"{path} is not a record of a run; remove it, or choose another name") from error
+
+
 def _read(line: str) -> tuple[int, Trial]:
     position, *parts = json.loads(line)
-    return position, Trial(*({int(m): value for m, value in part.items()} for part in parts))
+    trial = Trial(*({int(m): value for m, value in part.items()} for part in parts))
+    errors = [error for by_rule in trial.errors.values() for error in by_rule.values()]
+    if not isinstance(position, int) or not all(isinstance(error, float) for error in errors):
+        raise TypeError("a trial")
+    return position, trial
 
 
 def _check_settings(path: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:

@@ -155,7 +155,7 @@ def _error_against_time(figure: Figure | SubFigure, report: Report) -> None:
     for name, axes in panels.items():
         against_time(axes, _points(report, name))
         _title(axes, _TITLES[name])
-        axes.set_xlabel("seconds for a trial, one core; m at the points", fontsize=10, color=INK)
+        axes.set_xlabel("seconds for a trial, one process; m at the points", fontsize=10, color=INK)
     next(iter(panels.values())).set_ylabel("75th percentile of the error, degrees", fontsize=10, color=INK)
     _legend(figure, next(iter(panels.values())))
 

@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from nonsac.executors import Workers, cores, ordered_map
-from nonsac.reproduce.cells import Cell, Trial, TrialTask, run_trial
+from nonsac.reproduce.cells import RULES, Cell, Trial, TrialTask, run_trial
 from nonsac.reproduce.journal import Journal
 
 __all__ = ["Plan", "check_trials", "run_trials"]
@@ -74,6 +74,7 @@ def run_trials(
         If a worker process is killed.
     """
     with Journal(journal, plan.settings, resume) as kept:
+        _check_trials(plan, kept.trials)
         waiting = tuple(position for position in range(len(plan)) if position not in kept.trials)
         task = TrialTask(plan.cells, plan.trials, plan.seed, waiting)
         if waiting:
@@ -85,6 +86,17 @@ def run_trials(
                     progress(len(kept.trials), len(plan))
         ordered = [kept.trials[position] for position in range(len(plan))]
     return [ordered[start : start + plan.trials] for start in range(0, len(ordered), plan.trials)]
+
+
+def _check_trials(plan: Plan, trials: Mapping[int, Trial]) -> None:
+    """Damaged ones are found before the others are run, not after."""
+    for position, trial in trials.items():
+        fits = 0 <= position < len(plan) and all(
+            tuple(part) == plan.cells[position // plan.trials].counts
+            for part in (trial.errors, trial.seconds, trial.claimed)
+        )
+        if not fits or any(tuple(by_rule) != RULES for by_rule in trial.errors.values()):
+            raise ValueError(f"the journal's trial {position} is damaged; remove the journal to start anew")
 
 
 def _warm_up(plan: Plan) -> None:

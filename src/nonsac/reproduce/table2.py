@@ -73,7 +73,7 @@ def run(
     trials : int
         For each cell; the paper has 100.
     seed : int
-        Trial t of a cell depends on (seed, t) and the cell alone.
+        Trial t of a cell depends on (seed, t), the cell and the largest m.
     workers : int or None
         Number of processes; None is one for each core. It changes the times only.
     progress : callable, optional
