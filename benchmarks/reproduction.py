@@ -92,7 +92,7 @@ mAA with m = {counts}; all rules are in `benchmarks/results/table2.json`.
 
 The paper discusses both without figures. {curve_trials} trials at the middle noise of Table 2 and at its lowest, middle
 and highest outlier ratio, averaged; m varies at the paper's N, and N at m = 10. The search in a sample stays the same.
-A point rests on {curve_points} trials, so its standard error is up to {curve_error:.2f}; the two curves draw other data.
+A point rests on {curve_points} trials: standard error up to {curve_error:.2f}. The two curves draw different data.
 
 All seconds here were taken while other work ran on the machine and differ by a factor of two for the same work:
 they give the order of magnitude only.
