@@ -20,17 +20,13 @@ from typing import Any
 import numpy as np
 
 from nonsac.reproduce import pictures
-from nonsac.reproduce.cells import RULES
+from nonsac.reproduce.cells import RULES, SHOWN_RULES
 from nonsac.reproduce.experiments import EXPERIMENTS
 from nonsac.reproduce.table2 import PAPER, PAPER_COUNTS
 
 ROOT = Path(__file__).parents[1]
 RESULTS, DOCS = ROOT / "benchmarks" / "results", ROOT / "docs"
-TITLES = {
-    "relative-pose": "Relative pose",
-    "absolute-pose": "Perspective-n-Point",
-    "registration": "Registration of pairs",
-}
+TITLES = {name: experiment.title for name, experiment in EXPERIMENTS.items()}
 MOST = 0.05
 
 Report = dict[str, Any]
@@ -176,16 +172,15 @@ def averages(table2: Report, problem: str) -> str:
 
 def cell_table(table2: Report, problem: str) -> str:
     """Some rules in each cell of one problem."""
-    shown = ("ideal", "fixed", "most_inliers", "minimum_mean", "tlp_0.1", "refined")
     rows = (
         [
             f"noise {cell['noise']:g}, outliers {100 * cell['outlier_ratio']:.4g} %",
-            *(" ".join(f"{cell['accuracy'][str(m)][rule]:.2f}" for m in PAPER_COUNTS) for rule in shown),
+            *(" ".join(f"{cell['accuracy'][str(m)][rule]:.2f}" for m in PAPER_COUNTS) for rule in SHOWN_RULES),
         ]
         for cell in table2["cells"]
         if cell["problem"] == problem
     )
-    return markdown([TITLES[problem], *shown], rows)
+    return markdown([TITLES[problem], *SHOWN_RULES], rows)
 
 
 def verdicts(table2: Report) -> str:
@@ -205,8 +200,7 @@ CURVES = {"samples": "m", "sample_size": "N"}
 def curve_table(section5: Report, problem: str, curve: str) -> str:
     """One curve of Section 5, with the time of the hypotheses."""
     values, seconds = section5[problem][curve], section5["seconds"][problem][curve]
-    shown = ("ideal", "fixed", "most_inliers", "minimum_mean", "tlp_0.1", "refined")
-    rows = ([rule, *(f"{accuracy[rule]:.2f}" for accuracy in values.values())] for rule in shown)
+    rows = ([rule, *(f"{accuracy[rule]:.2f}" for accuracy in values.values())] for rule in SHOWN_RULES)
     times = ["seconds for the hypotheses", *(f"{seconds[size]['hypotheses']:.2g}" for size in values)]
     return markdown([f"{TITLES[problem]}, {CURVES[curve]} =", *values], [*rows, times])
 

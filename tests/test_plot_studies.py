@@ -30,13 +30,13 @@ def test_a_heat_map_has_each_number_in_its_cell(axes):
 
 def test_curves_name_the_emphasised_and_keep_the_others_pale(axes):
     series = {"plain": [0.1, 0.2, 0.3], "good": [0.5, 0.7, 0.9], "bad": [0.3, 0.2, 0.1]}
-    studies.curves(axes, [1, 10, 100], series, ("bad", "good", "absent"))
+    studies.curves(axes, [1, 10, 100], series, {"bad": "#ff0000", "good": "#0000ff", "absent": "#00ff00"})
     lines = {line.get_label(): line for line in axes.lines}
     assert {"good", "bad"} < set(lines)
     for name in ("good", "bad"):
         np.testing.assert_array_equal(lines[name].get_xdata(), [1, 10, 100])
         np.testing.assert_array_equal(lines[name].get_ydata(), series[name])
-    assert to_hex(lines["bad"].get_color()) != to_hex(lines["good"].get_color())
+    assert (to_hex(lines["bad"].get_color()), to_hex(lines["good"].get_color())) == ("#ff0000", "#0000ff")
     (pale,) = [line for line in axes.lines if to_hex(line.get_color()) == studies.PALE]
     np.testing.assert_array_equal(pale.get_ydata(), series["plain"])
     assert axes.get_xscale() == "log"
@@ -59,7 +59,7 @@ def test_boxes_lie_at_their_percentiles(axes):
 
 def test_error_against_time_joins_the_points_of_a_method(axes):
     points = {"slow": [(0.1, 2.0, "10"), (0.4, 1.0, "30")], "fast": [(0.01, 3.0, "10")]}
-    studies.against_time(axes, points)
+    studies.against_time(axes, points, {"fast": "#ff0000", "slow": "#0000ff"})
     slow, fast = axes.lines
     np.testing.assert_array_equal(slow.get_xydata(), [(0.1, 2.0), (0.4, 1.0)])
     np.testing.assert_array_equal(fast.get_xydata(), [(0.01, 3.0)])
@@ -69,6 +69,17 @@ def test_error_against_time_joins_the_points_of_a_method(axes):
         ((0.4, 1.0), "30"),
     ]
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    low, high = axes.get_xlim()
-    assert any(low <= tick <= high for tick in axes.get_xticks())
+    assert [to_hex(line.get_color()) for line in (slow, fast)] == ["#0000ff", "#ff0000"]
+
+
+@pytest.mark.parametrize("limits", [(0.01, 100.0), (0.9, 5.0), (90.0, 130.0), (0.104, 0.118)])
+def test_there_are_always_ticks_to_read(limits):
+    ticks = studies._ticks_between(limits)
+    assert len(ticks) >= 2
+    assert all(limits[0] <= tick <= limits[1] for tick in ticks)
+    assert ticks == sorted(ticks)
+
+
+def test_pieces_render(axes):
+    studies.against_time(axes, {"a": [(0.1, 2.0, "10")]}, {"a": "black"})
     assert render(axes.figure, ".png").startswith(b"\x89PNG")

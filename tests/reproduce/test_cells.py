@@ -66,7 +66,7 @@ def test_the_rules_see_squared_sampson_errors():
     relative = EXPERIMENTS["relative-pose"]
     cell = cell_of(relative, -1)
     _, found, truth = hypotheses_of(cell, 1, 0)
-    selected = cells._selected(found, relative, truth)
+    selected = cells.selected_models(cells._as_the_rules_see(found, relative), relative.problem, truth)
     squared = [replace(h, residuals=h.residuals**2, threshold=h.threshold**2) for h in found]
     for rule in (MinimumMean(), TruncatedLp(2.0)):
         best = int(np.argmax(rule.scores(squared, relative.problem)))

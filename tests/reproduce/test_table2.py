@@ -200,6 +200,7 @@ def test_json_to_stdout_and_refusals(tmp_path, monkeypatch, capsys):
     for arguments, message in (
         (["--problem", "pnp"], "'--problem'"),
         (["--samples", "0"], "'--samples'"),
+        (["--samples", "10", "1000000"], "'--samples': Input should be less than or equal to 1000"),
         (["20", "30"], "unexpected argument 20; numbers of samples follow --samples"),
         (["--trials", "0"], "'--trials'"),
         (["--workers", "0"], "'--workers'"),

@@ -26,6 +26,8 @@ class ProblemName(StrEnum):
     all = "all"
 
 
+_MOST_SAMPLES = 1000  # all their rows are in memory at once
+
 Problem = Annotated[ProblemName, typer.Option("--problem", help="Which of the three problems.")]
 Trials = Annotated[int, typer.Option(min=1, help="The paper has 100.")]
 Processes = Annotated[int | None, typer.Option(min=1, show_default="all cores", help="Number of processes.")]
@@ -58,9 +60,13 @@ def table2(
     problem: Problem = ProblemName.all,
     samples: Annotated[
         list[int] | None,
-        typer.Option(min=1, show_default="10 20 30", help="Numbers of samples to compare: --samples 10 20 30."),
+        typer.Option(
+            min=1, max=_MOST_SAMPLES, show_default="10 20 30", help="Numbers of samples to compare: --samples 10 20 30."
+        ),
     ] = None,
-    more_samples: Annotated[list[int] | None, typer.Argument(min=1, hidden=True)] = None,
+    more_samples: Annotated[
+        list[int] | None, typer.Argument(min=1, max=_MOST_SAMPLES, metavar="--samples", hidden=True)
+    ] = None,
     trials: Trials = 100,
     seed: Seed = 0,
     workers: Processes = None,

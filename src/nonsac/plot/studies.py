@@ -13,12 +13,10 @@ from nonsac.plot.figures import BLUE, INK, ORANGE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["COLOURS", "PALE", "against_time", "curves", "heat_map", "percentile_boxes"]
+__all__ = ["PALE", "against_time", "curves", "heat_map", "percentile_boxes"]
 
 Colour = NDArray[np.float64] | str
 
-# Okabe and Ito, without the yellow, which is too pale for a line.
-COLOURS: tuple[Colour, ...] = (INK, "#56b4e9", BLUE, "#cc79a7", "#009e73", ORANGE, "#d55e00")
 PALE = "#cccccc"
 _LEAST, _LARGEST = 0.01, 180.0
 _TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 90)
@@ -48,7 +46,7 @@ def heat_map(axes: Axes, values: ArrayLike, rows: Sequence[str], columns: Sequen
     axes.spines[:].set_visible(False)
 
 
-def curves(axes: Axes, places: Sequence[float], series: Mapping[str, ArrayLike], emphasised: Sequence[str]) -> None:
+def curves(axes: Axes, places: Sequence[float], series: Mapping[str, ArrayLike], colours: Mapping[str, Colour]) -> None:
     """Draw values from 0 to 1 over a logarithmic axis: a few series in colour and named, the others pale.
 
     Parameters
@@ -57,13 +55,13 @@ def curves(axes: Axes, places: Sequence[float], series: Mapping[str, ArrayLike],
     places : sequence of float
     series : dict of array_like
         For each name one value for each place.
-    emphasised : sequence of str
-        The names to colour, in the order of `COLOURS`.
+    colours : dict
+        Of the series to emphasise, by name.
     """
     for name, values in series.items():
-        if name not in emphasised:
+        if name not in colours:
             axes.plot(places, np.asarray(values), color=PALE, linewidth=0.9, zorder=1)
-    for name, colour in zip(emphasised, COLOURS, strict=False):
+    for name, colour in colours.items():
         if name in series:
             axes.plot(places, np.asarray(series[name]), "o-", color=colour, linewidth=1.8, markersize=4, label=name)
     axes.set_xscale("log")
@@ -98,15 +96,20 @@ def percentile_boxes(axes: Axes, boxes: Mapping[str, Sequence[float]], emphasise
     _plain(axes)
 
 
-def against_time(axes: Axes, points: Mapping[str, Sequence[tuple[float, float, str]]]) -> None:
+def against_time(
+    axes: Axes, points: Mapping[str, Sequence[tuple[float, float, str]]], colours: Mapping[str, Colour]
+) -> None:
     """Draw errors in degrees against seconds, both logarithmic; the points of one method are joined.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     points : dict of sequence of (seconds, error, label)
+    colours : dict
+        For each method.
     """
-    for (name, found), colour in zip(points.items(), (BLUE, INK, "#cc79a7", ORANGE), strict=False):
+    for name, found in points.items():
+        colour = colours[name]
         seconds, errors, labels = zip(*found, strict=True)
         axes.plot(seconds, errors, "o-", color=colour, linewidth=1.8, markersize=5, label=name)
         for place, label in zip(zip(seconds, errors, strict=True), labels, strict=True):
@@ -120,9 +123,13 @@ def against_time(axes: Axes, points: Mapping[str, Sequence[tuple[float, float, s
 
 
 def _ticks_between(limits: tuple[float, float]) -> list[float]:
-    """1, 2 and 5 times powers of ten, also just outside the limits, so that there are some."""
-    all_ticks = [digit * 10.0**power for power in range(-5, 4) for digit in (1, 2, 5)]
-    return [tick for tick in all_ticks if 0.5 * limits[0] <= tick <= 2.0 * limits[1]]
+    """Round numbers between the limits: 1, 2 and 5 times powers of ten, and more of them where these are too few."""
+    for digits in ((1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9), np.arange(10, 100) / 10, np.arange(100, 1000) / 100):
+        ticks = [float(digit) * 10.0**power for power in range(-5, 4) for digit in digits]
+        visible = [tick for tick in ticks if limits[0] <= tick <= limits[1]]
+        if len(visible) >= 3:
+            break
+    return visible
 
 
 def _only_ticks(axes: Axes, name: str, ticks: Sequence[float]) -> None:

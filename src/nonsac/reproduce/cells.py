@@ -15,15 +15,18 @@ import numpy as np
 
 from nonsac.evaluation import rotation_error
 from nonsac.pipeline import SampleTask
+from nonsac.problems import Problem
 from nonsac.reproduce.experiments import Experiment
 from nonsac.result import Array, Hypothesis, threshold_of
 from nonsac.scoring import FixedSample, Ideal, paper_rules, select
 from nonsac.sources import ArraySource
 
-__all__ = ["RULES", "Cell", "TrialTask"]
+__all__ = ["RULES", "SHOWN_RULES", "Cell", "Trial", "TrialTask", "run_trial", "selected_models"]
 
 # In the order of Table 2; `refined` is the default pipeline of this package.
 RULES = ("ideal", "fixed", *(rule.name for rule in paper_rules()), "refined")
+# Where all of them would be too many.
+SHOWN_RULES = ("ideal", "fixed", "most_inliers", "minimum_mean", "tlp_0.1", "refined")
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,8 @@ def run_trial(cell: Cell, seed: int, number: int) -> Trial:
             task.union(m), noise=cell.noise, samples=m, sample_size=cell.sample_size, rng=task.seed
         )
         end = perf_counter()
-        models = _selected(hypotheses[:m], experiment, truth) | {"fixed": fixed.model, "refined": refined.T}
+        seen = _as_the_rules_see(hypotheses[:m], experiment)
+        models = selected_models(seen, experiment.problem, truth) | {"fixed": fixed.model, "refined": refined.T}
         trial.errors[m] = {rule: float(rotation_error(models[rule][:3, :3], truth[:3, :3])) for rule in RULES}
         trial.seconds[m] = {"hypotheses": elapsed[m - 1], "fixed": middle - start, "refined": end - middle}
         trial.claimed[m] = refined.success
@@ -113,9 +117,13 @@ def _with_fixed_sample(task: SampleTask, m: int) -> Hypothesis:
     return replace(task, estimator=estimator)(0)
 
 
-def _selected(hypotheses: Sequence[Hypothesis], experiment: Experiment, truth: Array) -> dict[str, Array]:
-    """The model that each rule selects."""
+def _as_the_rules_see(hypotheses: Sequence[Hypothesis], experiment: Experiment) -> list[Hypothesis]:
+    """With residuals and threshold as the paper has them, squared where it squares them."""
     power = experiment.residual_power
-    seen = [replace(h, residuals=h.residuals**power, threshold=h.threshold**power) for h in hypotheses]
+    return [replace(h, residuals=h.residuals**power, threshold=h.threshold**power) for h in hypotheses]
+
+
+def selected_models(hypotheses: Sequence[Hypothesis], problem: Problem, truth: Array) -> dict[str, Array]:
+    """The model (3, 4) that each rule of the paper selects, by the rule's name; `truth` (4, 4) is for `ideal`."""
     rules = (Ideal(truth), *paper_rules())
-    return {rule.name: hypotheses[select(rule, seen, experiment.problem)[0]].model for rule in rules}
+    return {rule.name: hypotheses[select(rule, hypotheses, problem)[0]].model for rule in rules}

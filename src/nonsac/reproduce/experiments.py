@@ -34,8 +34,8 @@ class Experiment:
 
     Attributes
     ----------
-    name : str
-        As in files and on the command line.
+    name, title : str
+        As in files and on the command line; for people.
     problem, estimator
         What is estimated from each sample, and how.
     simulate : callable
@@ -49,6 +49,7 @@ class Experiment:
     """
 
     name: str
+    title: str
     problem: Problem
     estimator: Estimator
     simulate: Simulation
@@ -93,6 +94,7 @@ EXPERIMENTS = {
     for experiment in (
         Experiment(
             "relative-pose",
+            "Relative pose",
             RelativePose(),
             Ransac(5000),
             _relative,
@@ -104,6 +106,7 @@ EXPERIMENTS = {
         ),
         Experiment(
             "absolute-pose",
+            "Perspective-n-Point",
             AbsolutePose(),
             Ransac(2000),
             _absolute,
@@ -114,6 +117,7 @@ EXPERIMENTS = {
         ),
         Experiment(
             "registration",
+            "Registration of pairs",
             Registration(),
             replace(Pcr99.for_pairs(), refit="once"),
             _pairs,

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nonsac.plot import picture_suffix
-from nonsac.plot.figures import INK, new_figure, write
-from nonsac.plot.studies import against_time, curves, heat_map, percentile_boxes
-from nonsac.reproduce.cells import RULES
+from nonsac.plot.figures import BLUE, INK, ORANGE, new_figure, write
+from nonsac.plot.studies import Colour, against_time, curves, heat_map, percentile_boxes
+from nonsac.reproduce.cells import RULES, SHOWN_RULES
 from nonsac.reproduce.experiments import EXPERIMENTS
 from nonsac.reproduce.table2 import PAPER
 
@@ -24,12 +24,8 @@ __all__ = ["accuracy_curves", "error_against_time", "error_boxes", "heat_maps", 
 Report = Mapping[str, Any]
 Path = str | os.PathLike[str]
 
-_SHOWN = ("ideal", "fixed", "most_inliers", "minimum_mean", "tlp_0.1", "refined")
-_TITLES = {
-    "relative-pose": "Relative pose",
-    "absolute-pose": "Perspective-n-Point",
-    "registration": "Registration of pairs",
-}
+# Okabe and Ito, without the yellow, which is too pale for a line; a rule has one colour in all pictures.
+_COLOURS: dict[str, Colour] = dict(zip(SHOWN_RULES, (INK, "#56b4e9", BLUE, "#cc79a7", "#009e73", ORANGE), strict=True))
 
 
 def heat_maps(path: Path, report: Report) -> None:
@@ -100,7 +96,7 @@ def section5(path: Path, report: Report) -> None:
         labels = ("number of samples, m", "size of a sample, N")
         for axes, curve, label in zip(row, ("samples", "sample_size"), labels, strict=True):
             _rule_curves(axes, report[name][curve])
-            _title(axes, _TITLES[name])
+            _title(axes, EXPERIMENTS[name].title)
             axes.set_xlabel(label, fontsize=10, color=INK)
     _legend(figure, panels[0, 0])
     figure.subplots_adjust(0.06, 0.6 / figure.get_figheight(), 0.98, 1 - 0.8 / figure.get_figheight(), 0.14, 0.45)
@@ -126,14 +122,14 @@ def _heat_maps(figure: Figure | SubFigure, report: Report) -> None:
         ]
         heat_map(axes, rows, RULES if first else [""] * len(RULES), columns)
         axes.axvline(len(counts) - 0.5, color="white", linewidth=4)
-        axes.set_title(_TITLES[name], fontsize=13, color=INK, pad=22)
+        axes.set_title(EXPERIMENTS[name].title, fontsize=13, color=INK, pad=22)
 
 
 def _accuracy_curves(figure: Figure | SubFigure, report: Report) -> None:
     panels = _panels(figure, report, left=0.05, bottom=0.12, top=0.8)
     for name, axes in panels.items():
         _rule_curves(axes, report[name])
-        _title(axes, _TITLES[name])
+        _title(axes, EXPERIMENTS[name].title)
         axes.set_xlabel("number of samples, m", fontsize=10, color=INK)
     next(iter(panels.values())).set_ylabel("mAA", fontsize=10, color=INK)
     _legend(figure, next(iter(panels.values())))
@@ -144,7 +140,7 @@ def _error_boxes(figure: Figure | SubFigure, report: Report) -> None:
     for first, (name, axes) in zip((True, False, False), panels.items(), strict=False):
         most = max(report[name], key=int)
         percentile_boxes(axes, report["percentiles"][name][most], ("refined",))
-        _title(axes, f"{_TITLES[name]}, m = {most}")
+        _title(axes, f"{EXPERIMENTS[name].title}, m = {most}")
         axes.set_xlabel("rotation error in degrees", fontsize=10, color=INK)
         if not first:
             axes.set_yticklabels([])
@@ -153,8 +149,8 @@ def _error_boxes(figure: Figure | SubFigure, report: Report) -> None:
 def _error_against_time(figure: Figure | SubFigure, report: Report) -> None:
     panels = _panels(figure, report, left=0.05, bottom=0.12, top=0.8, gap=0.15)
     for name, axes in panels.items():
-        against_time(axes, _points(report, name))
-        _title(axes, _TITLES[name])
+        against_time(axes, _points(report, name), _COLOURS)
+        _title(axes, EXPERIMENTS[name].title)
         axes.set_xlabel("seconds for a trial, one process; m at the points", fontsize=10, color=INK)
     next(iter(panels.values())).set_ylabel("75th percentile of the error, degrees", fontsize=10, color=INK)
     _legend(figure, next(iter(panels.values())))
@@ -171,7 +167,7 @@ def _points(report: Report, name: str) -> dict[str, list[tuple[float, float, str
 
 def _rule_curves(axes: Axes, accuracies: Mapping[str, Mapping[str, float]]) -> None:
     places = [float(place) for place in accuracies]
-    curves(axes, places, {rule: [a[rule] for a in accuracies.values()] for rule in RULES}, _SHOWN)
+    curves(axes, places, {rule: [a[rule] for a in accuracies.values()] for rule in RULES}, _COLOURS)
 
 
 def _problems(report: Report) -> list[str]:
@@ -197,4 +193,5 @@ def _title(axes: Axes, text: str) -> None:
 
 
 def _legend(figure: Figure | SubFigure, axes: Axes) -> None:
-    figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncols=6, frameon=False, fontsize=10)
+    columns = 6 if figure.figure.get_figwidth() > 8 else 3
+    figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncols=columns, frameon=False, fontsize=10)

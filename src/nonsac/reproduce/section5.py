@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from nonsac.reproduce import summaries
-from nonsac.reproduce.cells import Cell, Trial
+from nonsac.reproduce.cells import SHOWN_RULES, Cell, Trial
 from nonsac.reproduce.experiments import EXPERIMENTS, Experiment, chosen
 from nonsac.reproduce.running import Plan, Progress, check_trials, run_trials
 
@@ -24,7 +24,6 @@ COUNTS = (1, 2, 3, 5, 10, 20, 30, 50, 100)
 # Times the paper's N.
 SIZES = (1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8)
 COUNT_OF_SIZES = 10
-_SHOWN = ("ideal", "fixed", "most_inliers", "minimum_mean", "tlp_0.1", "refined")
 
 
 def run(
@@ -69,7 +68,7 @@ def table(report: Mapping[str, Any], problem: str, curve: str) -> Table:
     result.add_column("rule", no_wrap=True)
     for size in values:
         result.add_column(size, justify="right")
-    for rule in _SHOWN:
+    for rule in SHOWN_RULES:
         result.add_row(rule, *(f"{accuracy[rule]:.2f}" for accuracy in values.values()))
     return result
 

@@ -24,8 +24,8 @@ from nonsac.io import read_cloud
 from nonsac.pipeline import estimate
 from nonsac.problems import Registration
 from nonsac.reproduce import summaries
+from nonsac.reproduce.cells import selected_models
 from nonsac.result import Result
-from nonsac.scoring import Ideal, paper_rules, select
 from nonsac.simulate import CloudPair, cloud_pair
 from nonsac.sources import AllPairsSource
 
@@ -196,11 +196,7 @@ def _paper_result(pair: CloudPair, rng: np.random.Generator, workers: Workers) -
 
 def _errors_of_rules(result: Result, pair: CloudPair) -> dict[str, float]:
     """The rotation error of the hypothesis that each rule selects."""
-    problem = Registration()
-    chosen = {
-        rule.name: result.hypotheses[select(rule, result.hypotheses, problem)[0]].model
-        for rule in (Ideal(pair.T), *paper_rules())
-    }
+    chosen = selected_models(result.hypotheses, Registration(), pair.T)
     return {rule: float(rotation_error(model[:, :3], pair.T[:3, :3])) for rule, model in chosen.items()}
 
 
