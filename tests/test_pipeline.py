@@ -12,7 +12,7 @@ import naive
 import nonsac
 from nonsac import Hypothesis, Pcr99, Registration, Status, estimate, simulate
 from nonsac.refine import AsSelected, Refinement
-from nonsac.sampling import sample_rows
+from nonsac.sampling import sample_rows, sample_start
 from nonsac.scoring import MostInliers, TruncatedLp
 from nonsac.sources import ArraySource
 
@@ -81,6 +81,10 @@ def run(rows=None, estimator=None, **settings):
     return estimate(source, naive.Shift(), estimator or MockEstimator(), **settings)
 
 
+def sample_of(n, i, size):
+    return sample_rows(n, sample_start(n, 0, i, size), size, SEED)
+
+
 def numbers(rows):
     return rows[:, 0].astype(int)
 
@@ -94,7 +98,7 @@ def test_the_estimator_gets_the_rows_of_each_sample(n, samples, size):
     run(shifted_rows(n), estimator, samples=samples, sample_size=size)
     assert len(estimator.calls) == samples
     for i, call in enumerate(estimator.calls):
-        np.testing.assert_array_equal(numbers(call["rows"]), sample_rows(n, i, samples, size, SEED))
+        np.testing.assert_array_equal(numbers(call["rows"]), sample_of(n, i, size))
 
 
 @pytest.mark.parametrize("n", [30, 40])
@@ -156,12 +160,12 @@ def test_a_source_of_a_trillion_rows_is_no_problem():
     assert result.t[0] == pytest.approx(3.0, abs=1e-3)
 
 
-def test_the_refiner_gets_the_union_of_the_samples_each_row_once():
-    spy, n = SpyRefiner(), 100
+@pytest.mark.parametrize("n", [1000, 200, 100])
+def test_the_refiner_gets_the_union_of_the_samples_each_row_once(n):
+    spy = SpyRefiner()
     run(shifted_rows(n), refine=spy)
-    expected = np.unique(np.concatenate([sample_rows(n, i, 5, 40, SEED) for i in range(5)]))
-    assert len(expected) < 200
-    np.testing.assert_array_equal(numbers(spy.rows), expected)
+    drawn = np.unique(np.concatenate([sample_of(n, i, 40) for i in range(5)]))
+    np.testing.assert_array_equal(numbers(spy.rows), drawn if n >= 200 else np.arange(n))
     assert spy.threshold == 5 * NOISE
 
 
@@ -211,7 +215,7 @@ def test_refine_none_returns_the_selected_model_and_union_improves_it():
 
 def test_inliers_belong_to_the_model_returned():
     result = run()
-    drawn = np.concatenate([sample_rows(1000, i, 5, 40, SEED) for i in range(5)])
+    drawn = np.concatenate([sample_of(1000, i, 40) for i in range(5)])
     residuals = naive.Shift().residuals(result.T[None, :3], shifted_rows()[drawn])[0]
     assert result.num_rows == 200
     assert result.num_inliers == (residuals < result.threshold).sum()
@@ -270,7 +274,7 @@ def test_stop_sees_every_prefix_and_ends_the_sampling(workers):
     assert seen == [[0], [0, 1], [0, 1, 2]]
     assert [h.sample for h in result.hypotheses] == [0, 1, 2]
     assert result.info["samples"] == 3
-    expected = np.sort(np.concatenate([sample_rows(1000, i, 20, 40, SEED) for i in range(3)]))
+    expected = np.sort(np.concatenate([sample_of(1000, i, 40) for i in range(3)]))
     np.testing.assert_array_equal(numbers(spy.rows), expected)
 
 
@@ -290,6 +294,128 @@ def test_a_stop_that_never_stops_changes_nothing():
     np.testing.assert_array_equal(run(stop=lambda hypotheses, problem: False).T, run().T)
 
 
+# --- as many samples as it takes --------------------------------------------------------------------------------------
+
+
+class Judge(SpyRefiner):
+    """Gives one verdict after the other, and remembers after how many samples it was asked."""
+
+    def __init__(self, *verdicts, support=0.5):
+        self.verdicts, self.support, self.asked = list(verdicts), support, []
+
+    def refine(self, problem, hypotheses, winner, union, threshold):
+        self.asked.append(len(hypotheses))
+        self.sizes = [len(h.residuals) for h in hypotheses]
+        status, confidence = self.verdicts[min(len(self.asked), len(self.verdicts)) - 1]
+        rows = len(union())
+        return Refinement(hypotheses[winner].model, status, confidence, int(self.support * rows), rows)
+
+
+CLEAR, UNCLEAR, NOTHING = (Status.OK, 0.995), (Status.OK, 0.98), (Status.LOW_SUPPORT, 0.0)
+
+
+def test_the_first_two_samples_may_be_enough():
+    judge = Judge(CLEAR)
+    result = run(samples="auto", refine=judge)
+    assert (judge.asked, result.info["samples"]) == ([2], 2)
+    assert result.success
+
+
+@pytest.mark.parametrize("first", [UNCLEAR, NOTHING])
+def test_rounds_double_until_the_answer_is_clear(first):
+    judge = Judge(first, first, NOTHING, CLEAR)
+    assert run(samples="auto", refine=judge).info["samples"] == 16
+    assert judge.asked == [2, 4, 8, 16]
+
+
+def test_max_samples_end_the_search():
+    judge = Judge(NOTHING)
+    result = run(samples="auto", max_samples=11, refine=judge)
+    assert judge.asked == [2, 4, 8, 11]
+    assert result.status is Status.LOW_SUPPORT
+
+
+@pytest.mark.parametrize("status", [Status.DEGENERATE, Status.AMBIGUOUS])
+def test_what_is_special_about_the_data_is_believed_after_eight_samples(status):
+    judge = Judge((status, 0.0))
+    run(samples="auto", refine=judge)
+    assert judge.asked == [2, 4, 8]
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_rounds_see_the_samples_that_a_given_number_sees(workers):
+    automatic = run(samples="auto", refine=Judge(NOTHING, NOTHING, CLEAR), workers=workers)
+    given = run(samples=8)
+    for h, g in zip(automatic.hypotheses, given.hypotheses, strict=True):
+        assert (h.sample, h.model.tobytes()) == (g.sample, g.model.tobytes())
+
+
+@pytest.mark.parametrize(("support", "size"), [(0.5, 2000), (0.004, 5000), (0.0001, 16_000), (0.0, 16_000)])
+def test_samples_grow_where_they_hold_too_few_inliers(support, size):
+    judge = Judge(NOTHING, NOTHING, CLEAR, support=support)
+    result = run(shifted_rows(200_000), samples="auto", sample_size="auto", refine=judge)
+    assert judge.sizes[:2] == [2000, 2000]
+    assert judge.sizes[2:] == pytest.approx([size] * 6, rel=0.01)
+    assert result.info["sample_size"] == judge.sizes[-1]
+
+
+def test_samples_of_different_sizes_share_no_row():
+    estimator = MockEstimator()
+    judge = Judge(NOTHING, NOTHING, CLEAR, support=0.004)
+    run(shifted_rows(200_000), estimator, samples="auto", sample_size="auto", refine=judge)
+    drawn = np.concatenate([numbers(call["rows"]) for call in estimator.calls])
+    assert len(np.unique(drawn)) == len(drawn) > 30_000
+
+
+def test_automatic_samples_of_all_rows_are_one_with_ten_times_the_budget():
+    estimator = MockEstimator()
+    run(shifted_rows(40), estimator, samples="auto", sample_size="auto")
+    assert [call["budget"] for call in estimator.calls] == [10]
+
+
+def test_the_time_limit_ends_the_search():
+    result = run(samples="auto", max_samples=10**6, time_limit=1e-9, refine=Judge(NOTHING))
+    assert result.status is Status.TIME_LIMIT
+    assert len(result.hypotheses) == 1
+    assert np.isfinite(result.T).all()
+    assert run(samples=3, time_limit=1e-9, refine=Judge(CLEAR)).success
+    assert run(estimator=MockEstimator({0: np.nan}), time_limit=1e-9).status is Status.TIME_LIMIT
+
+
+def test_a_rule_with_its_own_plan_needs_a_number():
+    with pytest.raises(ValueError, match="samples must be a number with the rule fixed"):
+        run(samples="auto", rule="fixed")
+
+
+# --- the joint search -------------------------------------------------------------------------------------------------
+
+
+class Together(MockEstimator):
+    """Finds the right shift only when it sees all samples."""
+
+    def with_budget(self, factor):
+        return self
+
+    def search_jointly(self, problem, hypotheses, rows, threshold, rng):
+        self.seen = len(hypotheses), len(rows)
+        model = naive.shift_model(3.0)
+        return Hypothesis(model, problem.residuals(model[None], rows)[0], threshold, tested=100)
+
+
+def test_a_joint_search_may_find_what_no_sample_holds():
+    estimator = Together(dict.fromkeys(range(5), 500.0))
+    result = run(estimator=estimator)
+    assert estimator.seen == (5, 200)
+    assert result.t[0] == pytest.approx(3.0, abs=0.1)
+    assert len(result.hypotheses) == 5
+
+
+def test_without_refinement_there_is_no_joint_search():
+    estimator = Together(dict.fromkeys(range(5), 500.0))
+    assert run(estimator=estimator, refine="none").t[0] == 500.0
+    assert not hasattr(estimator, "seen")
+
+
 # --- bad data end in a status -----------------------------------------------------------------------------------------
 
 
@@ -299,7 +425,7 @@ def test_rows_that_are_not_finite_are_dropped_and_counted(bad):
     rows[::4, 1] = bad
     estimator, spy = MockEstimator(), SpyRefiner()
     result = run(rows, estimator, samples=2, sample_size=40, refine=spy)
-    drawn = np.concatenate([sample_rows(100, i, 2, 40, SEED) for i in range(2)])
+    drawn = np.concatenate([sample_of(100, i, 40) for i in range(2)])
     assert result.info["dropped_rows"] == (drawn % 4 == 0).sum() > 0
     assert all(np.isfinite(call["rows"]).all() for call in estimator.calls)
     np.testing.assert_array_equal(numbers(spy.rows), np.sort(drawn[drawn % 4 != 0]))
@@ -367,6 +493,8 @@ def test_an_error_in_the_estimator_reaches_the_caller():
         *(("sample_size", x) for x in (0, -1, 10.5, "10", None)),
         *(("rule", x) for x in ("best", "tlp_", 3)),
         *(("refine", x) for x in ("icp", "", 3)),
+        *(("max_samples", x) for x in (0, 1.5, "auto", None)),
+        *(("time_limit", x) for x in (0, -1.0, "1", math.nan)),
         *(("workers", x) for x in (0, -1, 1.5, "all")),
         *(("rng", x) for x in (-1, 0.5, "seed")),
     ],

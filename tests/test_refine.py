@@ -126,7 +126,7 @@ def test_polishing_fits_the_winner_to_more_rows_than_the_union():
 
     refinement = UnionRefit(polish_rows=120).refine(naive.Shift(), hypotheses, 0, union, THRESHOLD)
     assert asked == [0, 120]
-    assert refinement.num_rows == len(rows)
+    assert refinement.num_rows == len(more)
     np.testing.assert_allclose(refinement.model[0, 3], 0.005, atol=1e-4)
     np.testing.assert_allclose(
         UnionRefit().refine(naive.Shift(), hypotheses, 0, union, THRESHOLD).model[0, 3], 0, atol=1e-4

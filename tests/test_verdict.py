@@ -3,9 +3,10 @@ import pytest
 from scipy.stats import binom
 
 import naive
+from nonsac import verdict as verdicts
 from nonsac.problems import Registration
 from nonsac.result import Status
-from nonsac.verdict import chance_rate, judge_overlap, judge_rows
+from nonsac.verdict import chance_residuals, judge_overlap, judge_rows
 
 THRESHOLD = 0.1
 
@@ -18,6 +19,10 @@ def scene(seed, n=500, right=50):
     b = rng.uniform(-1, 1, (n, 3))
     b[:right] = naive.moved(model, a[:right]) + 0.02 * rng.standard_normal((right, 3))
     return model, np.hstack([a, b])
+
+
+def chance_rate(problem, model, rows, threshold):
+    return verdicts.chance_rate(chance_residuals(problem, model, rows), threshold)
 
 
 def judge(model, rows, tested=1000):
@@ -161,3 +166,40 @@ def test_little_overlap_is_not_trusted(support):
     for others in ([], [1]):
         verdict = judge_overlap(support, np.array(others), 1000)
         assert (verdict.status, verdict.confidence) == (Status.LOW_SUPPORT, 0.0)
+
+
+# --- right in part only -----------------------------------------------------------------------------------------------
+
+
+def spread_scene(rng, width, n=4000, right=400):
+    """Shifts of 3, of which the residuals spread over a share of the threshold, evenly or as the noise does."""
+    rows = np.column_stack([rng.uniform(-1, 1, n), rng.uniform(-3, 9, n)])
+    rows[:right, 1] = rows[:right, 0] + 3.0 + THRESHOLD * width * rng.standard_normal(right)
+    return naive.shift_model(3.0)[None][0], rows
+
+
+@pytest.mark.parametrize(("width", "trusted"), [(0.2, True), (0.1, True), (0.5, False), (1.0, False)])
+def test_inliers_that_spread_over_the_threshold_are_not_trusted(rng, width, trusted):
+    verdict = judge_rows(naive.Shift(), *spread_scene(rng, width), THRESHOLD, 1)
+    assert (verdict.status is Status.OK) is trusted
+    assert (verdict.remarks == ()) is trusted
+    assert (verdict.confidence > 0.99) if trusted else (verdict.confidence < 0.5)
+
+
+def test_inliers_that_spread_are_trusted_after_a_search_that_leaves_nothing_better(rng):
+    model, rows = spread_scene(rng, 0.5)
+    confidences = [judge_rows(naive.Shift(), model, rows, THRESHOLD, tested).confidence for tested in (1, 30, 300)]
+    assert confidences == sorted(confidences)
+    assert confidences[0] < 0.5 < 0.99 < confidences[-1]
+
+
+@pytest.mark.parametrize(("dimension", "share"), [(1, 0.9545), (2, 0.8647), (3, 0.7385)])
+def test_the_share_within_two_sigma_is_that_of_a_chi_distribution(rng, dimension, share):
+    """A right model is certain, and one with the fourth power of that share is at the bound."""
+    lengths = np.linalg.norm(rng.standard_normal((20_000, dimension)), axis=1) / 5.0
+    by_chance = np.full(6000, 10.0)
+    assert (lengths < 0.4).mean() == pytest.approx(share, abs=0.01)
+    assert verdicts._certainty_of_spread(lengths, by_chance, 1.0, dimension) > 0.999
+    bound = share**4
+    at_bound = np.where(np.arange(20_000) < bound * 20_000, 0.1, 0.9)
+    assert verdicts._certainty_of_spread(at_bound, by_chance, 1.0, dimension) == pytest.approx(0.5, abs=0.15)

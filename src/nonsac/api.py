@@ -13,7 +13,7 @@ from nonsac.arguments import points_argument, warn_dropped
 from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner, coarse_overlap
 from nonsac.estimators import Estimator, OrientedPairs, Pcr99
 from nonsac.executors import Workers
-from nonsac.pipeline import Stopwatch, estimate
+from nonsac.pipeline import Auto, Stopwatch, estimate
 from nonsac.problems import OrientedRegistration, Registration
 from nonsac.refine import Refiner
 from nonsac.result import VERSION, Array, Result, Status, failed
@@ -115,11 +115,13 @@ def register_pairs(
     *,
     noise: float,
     scale: float | None = 1.0,
-    samples: int = 10,
-    sample_size: int = 2000,
+    samples: int | Auto = "auto",
+    sample_size: int | Auto = "auto",
+    max_samples: int = 100,
+    time_limit: float | None = None,
     estimator: Estimator | None = None,
     rule: str | ScoringRule = "tlp_0.1",
-    refine: str | Refiner = "union",
+    refine: str | Refiner = "polish",
     workers: Workers = None,
     rng: Random = 0,
     progress: Progress | None = None,
@@ -135,7 +137,7 @@ def register_pairs(
         5 `noise` are inliers.
     scale : float or None
         The known scale between the clouds, 1 for a rigid motion; None estimates it.
-    samples, sample_size, estimator, rule, refine, workers, rng, progress
+    samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
         As in `nonsac.estimate`; the default estimator is the paper's variant of PCR-99 (Sec. 4.3), or the published
         one where the scale is free.
 
@@ -167,6 +169,8 @@ def register_pairs(
         noise=noise,
         samples=samples,
         sample_size=sample_size,
+        max_samples=max_samples,
+        time_limit=time_limit,
         rule=rule,
         refine=refine,
         workers=workers,

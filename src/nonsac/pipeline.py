@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import functools
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from numbers import Integral, Real
-from typing import Protocol
+from typing import Any, Literal
 
 import numpy as np
 
 from nonsac import refine as refiners
 from nonsac import scoring
 from nonsac.estimators import Estimator
-from nonsac.executors import Workers, ordered_map
+from nonsac.executors import Workers
 from nonsac.problems import Problem
-from nonsac.refine import Refiner
+from nonsac.refine import Refinement, Refiner
 from nonsac.result import VERSION, Array, Evidence, Hypothesis, Result, Status, failed, homogeneous, threshold_of
-from nonsac.sampling import canonical_seed, sample_rows, union_rows
+from nonsac.sampling import canonical_seed
 from nonsac.scoring import ScoringRule
+from nonsac.search import SampleTask, Search, Stop
 from nonsac.sources import Source
 
+Auto = Literal["auto"]
 
-class Stop(Protocol):
-    """Says after each sample whether the hypotheses so far are enough."""
-
-    def __call__(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> bool: ...
+_FIRST_ROUND = 2
+_FIRST_SIZE, _LARGEST_SIZE = 2000, 16_000
+_LEAST_INLIERS = 20  # in a sample: I_min of the paper's rule N >= I_min / P_min
+_ALL_ROWS_BUDGET = 10
+_CLEAR = 0.99
+_ENOUGH_FOR_SPECIAL_CASES = 8
 
 
 def estimate(
@@ -35,8 +38,10 @@ def estimate(
     estimator: Estimator,
     *,
     noise: float,
-    samples: int = 10,
-    sample_size: int = 1000,
+    samples: int | Auto = "auto",
+    sample_size: int | Auto = "auto",
+    max_samples: int = 100,
+    time_limit: float | None = None,
     rule: str | ScoringRule = "tlp_0.1",
     refine: str | Refiner = "union",
     stop: Stop | None = None,
@@ -46,8 +51,8 @@ def estimate(
 ) -> Result:
     """Estimate a model from any amount of dirty data.
 
-    Draws `samples` non-minimal samples of `sample_size` rows, runs the core estimator on each, selects one hypothesis
-    by the scoring rule, refines it and says how far to trust it. Memory is set by the samples, not by the source.
+    Draws non-minimal samples, runs the core estimator on each, selects one hypothesis by the scoring rule, refines it
+    and says how far to trust it. Memory is set by the samples, not by the source.
 
     Parameters
     ----------
@@ -59,14 +64,24 @@ def estimate(
         Finds a model in one sample, for instance `Pcr99.for_pairs()`.
     noise : float
         Standard deviation of an inlier, in the unit of the residual; the inlier threshold is 5 `noise`.
-    samples, sample_size : int
-        The paper's m and N. Samples do not overlap where the source has m N rows, else they are drawn independently.
+    samples : "auto" or int
+        The paper's m. "auto" draws two samples, then as many again, and so on, until the answer is clear (a confidence
+        of 0.99) or `max_samples` are drawn. Samples do not overlap until every row has been drawn.
+    sample_size : "auto" or int
+        The paper's N. "auto" takes 2,000 rows, and more in later rounds where the inliers seen so far are so few that
+        such a sample holds less than 20 of them (the paper's N >= I_min / P_min), at most 16,000. Where all rows fit
+        into one sample, one is drawn, and searched with the budget of all `samples`, or of ten.
+    max_samples : int
+        Where samples="auto" gives up.
+    time_limit : float, optional
+        Seconds after which no further sample is begun. Without a trusted answer by then the status is `TIME_LIMIT`.
+        The same input may then give another answer.
     rule : str or ScoringRule
         How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object. It decides the answer with
         refine="none"; refiners that compare all hypotheses anew, as "union" does, overrule it.
     refine : "union", "polish", "none" or Refiner
-        "union" rescores all hypotheses on all sampled rows and refits the best; "polish" then fits it to at least
-        100,000 rows, or all; "none" returns the selected one.
+        "union" searches once more where the samples' findings meet, rescores all hypotheses on all sampled rows and
+        refits the best; "polish" then fits it to at least 100,000 rows, or all; "none" returns the selected one.
     stop : callable, optional
         Called as `stop(hypotheses, problem)` after each sample; ends the sampling where it says so.
     workers : None, int or concurrent.futures.Executor
@@ -74,7 +89,7 @@ def estimate(
     rng : int, numpy Generator or None
         The seed; None takes fresh entropy, which is recorded in `info["seed"]`.
     progress : callable, optional
-        Called as `progress(done, samples)`.
+        Called as `progress(done, samples)`, where `samples` are the most that there may be.
 
     Returns
     -------
@@ -85,91 +100,49 @@ def estimate(
     ValueError
         Where an argument is out of its range; the message names it. Bad data do not raise: they end in a status.
     """
-    for name, value, kind in (
-        ("source", source, Source),
-        ("problem", problem, Problem),
-        ("estimator", estimator, Estimator),
-    ):
-        if not _is_object(value, kind):
-            raise TypeError(f"{name} must be an object of the kind {kind.__module__}.{kind.__name__}, got {value!r}")
-    _check(source, problem, noise, samples, sample_size)
+    _check_objects(source, problem, estimator)
+    _check_numbers(source, problem, noise, samples, sample_size, max_samples, time_limit)
     selector = scoring.by_name(rule) if isinstance(rule, str) or not _is_object(rule, ScoringRule) else rule
     refiner = refiners.by_name(refine) if isinstance(refine, str) or not _is_object(refine, Refiner) else refine
-    budget, estimator = _plan(selector, samples, estimator)
-    if sample_size >= len(source) and budget > 1:  # every sample would be all rows: one, with the budget of all
-        budget, estimator = 1, estimator.with_budget(budget)
+    most, estimator = _plan(selector, max_samples if samples == "auto" else samples, samples, estimator)
+    size = _FIRST_SIZE if sample_size == "auto" else sample_size
+    if size >= len(source) and most > 1:  # every sample would be all rows: one, with the budget of all
+        estimator = estimator.with_budget(min(most, _ALL_ROWS_BUDGET) if samples == "auto" else most)
+        most = 1
     clock = Stopwatch()
-    task = SampleTask(source, problem, estimator, threshold_of(noise), budget, sample_size, canonical_seed(rng))
-    info = {"seed": task.seed, "version": VERSION, "rule": selector.name, "sample_size": sample_size, "remarks": ()}
-    evidence = Evidence(source, problem)
-    if len(source) < problem.minimal_size:
-        return failed(Status.TOO_FEW, noise, info | {"samples": 0, "seconds": clock.laps}, evidence=evidence)
-
-    hypotheses: list[Hypothesis] = []
-    for hypothesis in ordered_map(task, budget, workers):
-        hypotheses.append(hypothesis)
-        if progress is not None:
-            progress(len(hypotheses), budget)
-        if stop is not None and stop(hypotheses, problem):
-            break
-    clock.lap("hypotheses")
-
-    winner, scores = scoring.select(selector, hypotheses, problem)
-    clock.lap("selection")
-    dropped = sum(h.dropped for h in hypotheses)
-    info |= {"samples": len(hypotheses), "dropped_rows": dropped, "seconds": clock.laps}
-    union = functools.cache(functools.partial(task.union, len(hypotheses)))
-    if not hypotheses[winner].found:
-        return failed(_reason(problem, union(), task.threshold), noise, info, tuple(hypotheses), evidence)
-    refinement = refiner.refine(problem, hypotheses, winner, union, task.threshold)
-    clock.lap("refinement")
-    return Result(
-        T=homogeneous(refinement.model),
-        status=refinement.status,
-        confidence=refinement.confidence,
-        num_inliers=refinement.num_inliers,
-        num_rows=refinement.num_rows,
-        noise=float(noise) if refinement.noise is None else refinement.noise,
-        threshold=task.threshold if refinement.threshold is None else refinement.threshold,
-        hypotheses=scoring.scored(hypotheses, scores),
-        alternatives=refinement.alternatives,
-        covariance=refinement.covariance,
-        info=info | {"remarks": refinement.remarks},
-        evidence=evidence,
+    search = Search(
+        SampleTask(source, problem, estimator, threshold_of(noise), size, canonical_seed(rng)),
+        most,
+        workers,
+        stop,
+        progress,
+        None if time_limit is None else time.perf_counter() + time_limit,
     )
+    info = {"seed": search.task.seed, "version": VERSION, "rule": selector.name}
+    if len(source) < problem.minimal_size:
+        info |= {"samples": 0, "sample_size": size, "remarks": (), "seconds": clock.laps}
+        return failed(Status.TOO_FEW, noise, info, evidence=Evidence(source, problem))
 
+    while True:
+        search.draw(_next_round(len(search.hypotheses)) if samples == "auto" else most)
+        clock.lap("hypotheses")
+        winner, scores = scoring.select(selector, search.hypotheses, problem)
+        clock.lap("selection")
+        refinement = _refined(search, refiner, winner)
+        clock.lap("refinement")
+        if search.ended or _is_settled(refinement, len(search.hypotheses)):
+            break
+        if sample_size == "auto":
+            search.task = replace(search.task, sample_size=_next_size(refinement))
 
-@dataclass(frozen=True)
-class SampleTask:
-    """One sample from its number to its hypothesis; travels to any worker."""
-
-    source: Source
-    problem: Problem
-    estimator: Estimator
-    threshold: float
-    samples: int
-    sample_size: int
-    seed: int
-
-    def __call__(self, sample: int) -> Hypothesis:
-        drawn = self.source.take(self._indices(sample))
-        rows = drawn[np.isfinite(drawn).all(axis=1)]
-        dropped = len(drawn) - len(rows)
-        if len(rows) < self.problem.minimal_size:
-            nothing = np.full((3, 4), np.nan)
-            return Hypothesis(nothing, np.full(len(rows), np.inf), self.threshold, sample, dropped=dropped)
-        rng = np.random.default_rng([self.seed, sample])
-        hypothesis = self.estimator.estimate(self.problem, rows, self.threshold, rng)
-        return replace(hypothesis, sample=sample, dropped=dropped)
-
-    def union(self, samples: int, at_least: int = 0) -> Array:
-        """The finite rows that the first samples hold together, each once, and further ones up to a number."""
-        indices = union_rows(len(self.source), samples, self.samples, self.sample_size, self.seed, at_least)
-        rows = self.source.take(indices)
-        return rows[np.isfinite(rows).all(axis=1)]
-
-    def _indices(self, sample: int) -> np.ndarray:
-        return sample_rows(len(self.source), sample, self.samples, self.sample_size, self.seed)
+    info |= {
+        "samples": len(search.hypotheses),
+        "sample_size": search.task.sample_size,
+        "dropped_rows": sum(h.dropped for h in search.hypotheses),
+        "remarks": () if refinement is None else refinement.remarks,
+        "seconds": clock.laps,
+    }
+    return _result(search, refinement, scoring.scored(search.hypotheses, scores), float(noise), info)
 
 
 class Stopwatch:
@@ -185,6 +158,69 @@ class Stopwatch:
         self._last = now
 
 
+def _refined(search: Search, refiner: Refiner, winner: int) -> Refinement | None:
+    """What the refiner makes of the hypotheses, and of one more from a joint search; None where there is none."""
+    task, hypotheses = search.task, search.hypotheses
+    if not hypotheses[winner].found:
+        return None
+    joint = []
+    if getattr(refiner, "joint", False) and hasattr(task.estimator, "search_jointly"):
+        rng = np.random.default_rng([task.seed, task.number, 1])
+        joint = [task.estimator.search_jointly(task.problem, hypotheses, search.union(), task.threshold, rng)]
+    return refiner.refine(task.problem, [*hypotheses, *joint], winner, search.union, task.threshold)
+
+
+def _is_settled(refinement: Refinement | None, samples: int) -> bool:
+    """Whether more samples would not change the verdict."""
+    if refinement is None:
+        return False
+    if refinement.status is Status.OK:
+        return refinement.confidence >= _CLEAR
+    return refinement.status is not Status.LOW_SUPPORT and samples >= _ENOUGH_FOR_SPECIAL_CASES
+
+
+def _next_round(drawn: int) -> int:
+    """As many samples as there were before."""
+    return max(_FIRST_ROUND, drawn)
+
+
+def _next_size(refinement: Refinement | None) -> int:
+    """Rows that hold enough inliers, if they are as frequent as in the best answer so far."""
+    if refinement is None or not refinement.num_inliers:
+        return _LARGEST_SIZE
+    needed = _LEAST_INLIERS * refinement.num_rows / refinement.num_inliers
+    return int(np.clip(needed, _FIRST_SIZE, _LARGEST_SIZE))
+
+
+def _result(
+    search: Search,
+    refinement: Refinement | None,
+    hypotheses: tuple[Hypothesis, ...],
+    noise: float,
+    info: dict[str, Any],
+) -> Result:
+    task = search.task
+    evidence = Evidence(task.source, task.problem)
+    if refinement is None:
+        status = Status.TIME_LIMIT if search.late else _reason(task.problem, search.union(), task.threshold)
+        return failed(status, noise, info, hypotheses, evidence)
+    late = search.late and refinement.status is Status.LOW_SUPPORT
+    return Result(
+        T=homogeneous(refinement.model),
+        status=Status.TIME_LIMIT if late else refinement.status,
+        confidence=refinement.confidence,
+        num_inliers=refinement.num_inliers,
+        num_rows=refinement.num_rows,
+        noise=noise if refinement.noise is None else refinement.noise,
+        threshold=task.threshold if refinement.threshold is None else refinement.threshold,
+        hypotheses=hypotheses,
+        alternatives=refinement.alternatives,
+        covariance=refinement.covariance,
+        info=info,
+        evidence=evidence,
+    )
+
+
 def _is_object(value: object, kind: type) -> bool:
     """Whether a value fulfils a contract, and is not merely the class of one that does."""
     return isinstance(value, kind) and not isinstance(value, type)
@@ -198,16 +234,52 @@ def _reason(problem: Problem, rows: Array, threshold: float) -> Status:
     return Status.LOW_SUPPORT if problem.determined(nothing, rows, threshold) else Status.DEGENERATE
 
 
-def _plan(rule: ScoringRule, samples: int, estimator: Estimator) -> tuple[int, Estimator]:
+def _plan(rule: ScoringRule, most: int, samples: int | Auto, estimator: Estimator) -> tuple[int, Estimator]:
     """A rule may spend the budget in its own way, as `FixedSample` does."""
-    return rule.plan(samples, estimator) if hasattr(rule, "plan") else (samples, estimator)
+    if not hasattr(rule, "plan"):
+        return most, estimator
+    if samples == "auto":
+        raise ValueError(f"samples must be a number with the rule {rule.name}, which spends them in its own way")
+    return rule.plan(most, estimator)
 
 
-def _check(source: Source, problem: Problem, noise: float, samples: int, sample_size: int) -> None:
+def _check_objects(source: Source, problem: Problem, estimator: Estimator) -> None:
+    for name, value, kind in (
+        ("source", source, Source),
+        ("problem", problem, Problem),
+        ("estimator", estimator, Estimator),
+    ):
+        if not _is_object(value, kind):
+            raise TypeError(f"{name} must be an object of the kind {kind.__module__}.{kind.__name__}, got {value!r}")
     if source.width != problem.width:
         raise ValueError(f"source has rows of {source.width} columns, {type(problem).__name__} needs {problem.width}")
-    if not isinstance(noise, Real) or not 0 < noise < np.inf:
+
+
+def _check_numbers(
+    source: Source,
+    problem: Problem,
+    noise: float,
+    samples: int | Auto,
+    sample_size: int | Auto,
+    max_samples: int,
+    time_limit: float | None,
+) -> None:
+    if not _is_positive(noise):
         raise ValueError(f"noise must be a positive number, the standard deviation of an inlier, got {noise!r}")
-    for name, value, least in (("samples", samples, 1), ("sample_size", sample_size, problem.minimal_size)):
+    if time_limit is not None and not _is_positive(time_limit):
+        raise ValueError(f"time_limit must be None or a positive number of seconds, got {time_limit!r}")
+    counts: tuple[tuple[str, Any, int], ...] = (
+        ("samples", samples, 1),
+        ("sample_size", sample_size, problem.minimal_size),
+        ("max_samples", max_samples, 1),
+    )
+    for name, value, least in counts:
+        if isinstance(value, str) and value == "auto" and name != "max_samples":
+            continue
         if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-            raise ValueError(f"{name} must be an integer of at least {least}, got {value!r}")
+            automatic = "" if name == "max_samples" else '"auto" or '
+            raise ValueError(f"{name} must be {automatic}an integer of at least {least}, got {value!r}")
+
+
+def _is_positive(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and 0.0 < float(value) < np.inf

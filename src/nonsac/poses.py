@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
@@ -15,10 +15,10 @@ from nonsac.arguments import points_argument, weights_argument
 from nonsac.camera import Camera, CameraLike
 from nonsac.estimators import Estimator, Ransac
 from nonsac.executors import Workers
-from nonsac.pipeline import estimate
+from nonsac.pipeline import Auto, estimate
 from nonsac.problems import AbsolutePose, Problem, RelativePose, Weighted
 from nonsac.refine import Refiner
-from nonsac.result import Array, Hypothesis, Result, Status
+from nonsac.result import Array, Result, Status
 from nonsac.scoring import ScoringRule
 from nonsac.sources import JoinedSource
 
@@ -37,8 +37,10 @@ def relative_pose(
     *,
     noise: float | None = None,
     weights: ArrayLike | None = None,
-    samples: int = 10,
-    sample_size: int = 2000,
+    samples: int | Auto = "auto",
+    sample_size: int | Auto = "auto",
+    max_samples: int = 100,
+    time_limit: float | None = None,
     estimator: Estimator | None = None,
     rule: str | ScoringRule = "tlp_0.1",
     refine: str | Refiner = "polish",
@@ -62,10 +64,7 @@ def relative_pose(
         coordinates, where there is no default. Rows with a Sampson residual below 5 `noise` are inliers.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit: the certainty of a dense matcher, say.
-    samples, sample_size : int
-        At most this many non-minimal samples, and rows in each; fewer where three of them lead to the same pose. Where
-        all rows fit into one sample, one is drawn and searched with the budget of all.
-    estimator, rule, refine, workers, rng, progress
+    samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
         As in `nonsac.estimate`; the default estimator is `Ransac` with the five-point method, local optimisation and
         early stopping.
 
@@ -99,6 +98,8 @@ def relative_pose(
         noise=_noise(noise, first),
         samples=samples,
         sample_size=sample_size,
+        max_samples=max_samples,
+        time_limit=time_limit,
         estimator=estimator,
         rule=rule,
         refine=refine,
@@ -115,8 +116,10 @@ def absolute_pose(
     *,
     noise: float | None = None,
     weights: ArrayLike | None = None,
-    samples: int = 10,
-    sample_size: int = 2000,
+    samples: int | Auto = "auto",
+    sample_size: int | Auto = "auto",
+    max_samples: int = 100,
+    time_limit: float | None = None,
     estimator: Estimator | None = None,
     rule: str | ScoringRule = "tlp_0.1",
     refine: str | Refiner = "polish",
@@ -142,7 +145,7 @@ def absolute_pose(
         inliers; points behind the camera never are.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit.
-    samples, sample_size, estimator, rule, refine, workers, rng, progress
+    samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
         As in `relative_pose`, with P3P in place of the five-point method.
 
     Returns
@@ -171,6 +174,8 @@ def absolute_pose(
         noise=_noise(noise, parsed),
         samples=samples,
         sample_size=sample_size,
+        max_samples=max_samples,
+        time_limit=time_limit,
         estimator=estimator,
         rule=rule,
         refine=refine,
@@ -178,29 +183,6 @@ def absolute_pose(
         rng=rng,
         progress=progress,
     )
-
-
-@dataclass(frozen=True)
-class Corroborated:
-    """Stop when several samples, which share no rows or few, have led to the same pose.
-
-    Poses that catch part of the structure are found again, too, but they scatter by more than a degree. Whether the
-    pose is right is for the verdict.
-    """
-
-    count: int = 3
-    rotation_deg: float = 1.0
-    direction_deg: float = 5.0
-
-    def __call__(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> bool:
-        found = [h.model for h in hypotheses if h.found]
-        return len(found) >= self.count and sum(self._same(problem, a, found[-1]) for a in found) >= self.count
-
-    def _same(self, problem: Problem, a: Array, b: Array) -> bool:
-        if not problem.distance(a, b) < self.rotation_deg:
-            return False
-        cosine = a[:, 3] @ b[:, 3] / (np.linalg.norm(a[:, 3]) * np.linalg.norm(b[:, 3]))
-        return bool(cosine > np.cos(np.radians(self.direction_deg)))
 
 
 def _estimate(
@@ -218,7 +200,7 @@ def _estimate(
         estimator = Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=least)
     if weights is not None:
         problem, arrays, maps = Weighted(problem), [*arrays, weights[:, None]], [*maps, None]
-    result = estimate(JoinedSource(arrays, maps), problem, estimator, stop=Corroborated(), **settings)
+    result = estimate(JoinedSource(arrays, maps), problem, estimator, **settings)
     dropped = result.info.get("dropped_rows", 0)
     if dropped:
         message = f"dropped {dropped} sampled rows that are NaN or infinite, or that the lens maps no ray to"

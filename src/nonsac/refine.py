@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -42,7 +42,10 @@ class Refinement:
 
 @runtime_checkable
 class Refiner(Protocol):
-    """Improves the winner, given all hypotheses and the union of their samples' rows."""
+    """Improves the winner, given all hypotheses and the union of their samples' rows.
+
+    Where it has an attribute `joint` that is true, the last hypothesis comes from a joint search (see `Estimator`).
+    """
 
     def refine(
         self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
@@ -79,6 +82,7 @@ class UnionRefit:
     candidates: int = 4
     iterations: int = 20
     polish_rows: int = 0
+    joint: ClassVar[bool] = True
 
     def refine(
         self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
@@ -94,7 +98,7 @@ class UnionRefit:
         more = union(self.polish_rows)
         if len(more) > len(rows):
             best = self._converged(problem, best, more, threshold)
-        return judged(problem, hypotheses, best, rows, threshold)
+        return judged(problem, hypotheses, best, more, threshold)
 
     def _best_twin(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
         """The model, or one of those that a special case of the data allows besides, whichever fits best."""

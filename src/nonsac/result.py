@@ -26,6 +26,7 @@ class Status(StrEnum):
     DEGENERATE = "degenerate"
     LOW_SUPPORT = "low_support"
     AMBIGUOUS = "ambiguous"
+    TIME_LIMIT = "time_limit"
 
     @property
     def explanation(self) -> str:
@@ -38,6 +39,7 @@ _EXPLANATIONS = {
     Status.DEGENERATE: "the data do not determine an answer (identical or collinear points, or no baseline)",
     Status.LOW_SUPPORT: "no answer is supported by more of the data than chance explains",
     Status.AMBIGUOUS: "clearly different answers fit the data about equally well (see alternatives)",
+    Status.TIME_LIMIT: "the time limit came before an answer that is to be trusted",
 }
 
 
@@ -63,6 +65,10 @@ class Hypothesis:
         Further models that the estimator found worth a look, best first.
     tested : int
         How many candidate models the estimator compared before it chose this one.
+    promising : (P, D) float64
+        Rows of the sample that the estimator takes for the most likely inliers, for a joint search.
+    promise : (P,) float64
+        How likely it takes them, comparable between samples of the same size.
     dropped : int
         Rows of the sample that were left out because they were not finite.
     score : float
@@ -74,6 +80,8 @@ class Hypothesis:
     threshold: float
     sample: int = 0
     alternatives: Array = field(default_factory=lambda: np.empty((0, 3, 4)))
+    promising: Array = field(default_factory=lambda: np.empty((0, 0)))
+    promise: Array = field(default_factory=lambda: np.empty(0))
     tested: int = 1
     dropped: int = 0
     score: float = float("nan")

@@ -1,4 +1,4 @@
-"""Which rows form sample i: a function of (seed, i) alone, in constant memory, for any number of rows."""
+"""Which rows form a sample: a function of seed and position alone, in constant memory, for any number of rows."""
 
 from __future__ import annotations
 
@@ -12,36 +12,43 @@ Indices = NDArray[np.int64]
 _ROUNDS = 8
 
 
-def sample_rows(rows: int, sample: int, samples: int, sample_size: int, seed: int) -> Indices:
-    """Row numbers of one sample, sorted.
+def sample_rows(rows: int, start: int, size: int, seed: int) -> Indices:
+    """Row numbers of the sample that starts at a position of the passes, sorted.
 
-    Samples are disjoint where the data allow it (`samples * sample_size <= rows`): sample i is then the i-th piece
-    of one pseudo-random permutation of all rows, of which only this piece is computed. Otherwise each sample is
-    drawn independently, without replacement. A sample that would need all rows gets all of them.
+    A pass is a pseudo-random permutation of all rows, one after the other without end, of which only the piece at
+    hand is computed; so the samples of a pass are disjoint. A sample that would need all rows gets all of them.
 
     Returns
     -------
-    (min(sample_size, rows),) int64
+    (min(size, rows),) int64
     """
-    if sample_size >= rows:
+    if size >= rows:
         return np.arange(rows, dtype=np.int64)
-    if samples * sample_size <= rows:
-        return np.sort(permutation(rows, sample * sample_size, sample_size, seed))
-    return np.sort(permutation(rows, 0, sample_size, seed, stream=sample + 1))
+    turn, first = divmod(start, rows)
+    return np.sort(permutation(rows, first, size, seed, stream=turn))
 
 
-def union_rows(rows: int, count: int, samples: int, sample_size: int, seed: int, at_least: int = 0) -> Indices:
-    """Row numbers that the first `count` of the samples hold together, each once, and more up to a number; sorted.
+def sample_start(rows: int, first: int, sample: int, size: int) -> int:
+    """Where a sample starts that comes after `sample` others of its size, from a position of the passes on.
 
-    Where the samples overlap, `at_least` adds nothing unless it asks for all rows.
+    Where a pass has no full piece left, the next one begins.
     """
-    disjoint = samples * sample_size <= rows
-    wanted = max(count * sample_size, at_least)
-    if sample_size >= rows or at_least >= rows or (disjoint and wanted >= rows):
-        return np.arange(rows, dtype=np.int64)
-    if disjoint:
-        return np.sort(permutation(rows, 0, wanted, seed))
-    return np.unique(np.concatenate([sample_rows(rows, i, samples, sample_size, seed) for i in range(count)]))
+    if size >= rows:
+        return first + sample * size
+    left = (rows - first % rows) // size
+    if sample < left:
+        return first + sample * size
+    turn, piece = divmod(sample - left, rows // size)
+    return (first // rows + 1 + turn) * rows + piece * size
+
+
+def union_rows(rows: int, end: int, seed: int, at_least: int = 0) -> Indices:
+    """Row numbers that the samples up to a position hold together, each once, and more up to a number; sorted.
+
+    All rows, where the samples need more than one pass.
+    """
+    wanted = max(end, at_least)
+    return np.arange(rows, dtype=np.int64) if wanted >= rows else np.sort(permutation(rows, 0, wanted, seed))
 
 
 def permutation(rows: int, first: int, count: int, seed: int, stream: int = 0) -> Indices:

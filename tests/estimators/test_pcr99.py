@@ -206,3 +206,47 @@ def test_wrong_settings_are_refused_by_name(name, wrong):
 def test_distances_need_a_known_scale(rng):
     with pytest.raises(ValueError, match="needs a known scale"):
         run(Pcr99.for_pairs(), rng.standard_normal((20, 6)), scale=None)
+
+
+def samples_of(rng, count, right, noise=0.02):
+    """Samples of 1,000 rows of which few are right."""
+    model = naive.random_model(rng, spread=0.0)
+    samples = []
+    for _ in range(count):
+        rows = np.hstack([rng.uniform(-1, 1, (1000, 3)), rng.uniform(-1, 1, (1000, 3))])
+        rows[:right, 3:] = naive.moved(model, rows[:right, :3]) + noise * rng.standard_normal((right, 3))
+        samples.append(rows)
+    return model, samples
+
+
+def test_a_joint_search_finds_what_single_samples_do_not_show(rng):
+    estimator, threshold, alone, jointly = Pcr99.for_pairs(), 0.1, 0, 0
+    for _ in range(10):
+        model, samples = samples_of(rng, 10, 5)
+        found = [estimator.estimate(Registration(), rows, threshold, rng) for rows in samples]
+        alone += sum(naive.angle_between(h.model, model) < 5 for h in found)
+        joint = estimator.search_jointly(Registration(), found, np.concatenate(samples), threshold, rng)
+        jointly += naive.angle_between(joint.model, model) < 5
+        assert len(joint.residuals) == 1000
+    assert alone < 50
+    assert jointly >= 9
+
+
+def test_promising_rows_are_consistent_with_the_most_others(rng):
+    _, (rows,) = samples_of(rng, 1, 60)
+    hypothesis = Pcr99.for_pairs().estimate(Registration(), rows, 0.1, rng)
+    a, b = (np.linalg.norm(half[:, None] - half[None], axis=2) for half in (rows[:, :3], rows[:, 3:]))
+    counts = (np.abs(a - b) < 0.04).sum(axis=1) - 1
+    assert len(hypothesis.promising) == len(hypothesis.promise) == 100
+    np.testing.assert_allclose(hypothesis.promise, np.sort(counts)[::-1][:100], atol=1)
+    assert {tuple(row) for row in hypothesis.promising} <= {tuple(row) for row in rows}
+
+
+def test_a_random_order_has_no_joint_search(rng):
+    _, (rows,) = samples_of(rng, 1, 500)
+    estimator = Pcr99("distance", "random", tolerance=0.4)
+    hypothesis = estimator.estimate(Registration(), rows, 0.1, rng)
+    assert len(hypothesis.promising) == 0
+    joint = estimator.search_jointly(Registration(), [hypothesis], rows, 0.1, rng)
+    assert not joint.found
+    assert joint.tested == 0

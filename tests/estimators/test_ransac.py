@@ -13,6 +13,7 @@ from nonsac.estimators import Ransac
 from nonsac.estimators.ransac import minimal_samples, trials_needed
 from nonsac.fitting import biweight_costs
 from nonsac.problems import AbsolutePose, Registration, RelativePose, Weighted
+from nonsac.result import Hypothesis
 
 NOISE = 1e-3
 THRESHOLD = 5 * NOISE
@@ -431,3 +432,27 @@ def test_a_problem_in_plain_numpy_works_with_all_options(rng, line, settings, we
 @options
 def test_points_that_are_all_the_same_give_no_line(line, settings):
     assert not estimate(Ransac(100, **settings), line, np.ones((20, 2)), 0.025).found
+
+
+def test_a_joint_search_goes_on_from_a_model_that_is_right_in_part(rng):
+    """Rows near a wrong line hold more right rows than all rows do."""
+    problem, noise = naive.Shift(), 0.01
+    rows = np.column_stack([rng.uniform(-1, 1, 4000), rng.uniform(-200, 200, 4000)])
+    rows[:40, 1] = rows[:40, 0] + 3.0 + noise * rng.standard_normal(40)
+    near = naive.shift_model(3.0 + 4 * noise)
+    start = Hypothesis(near, problem.residuals(near[None], rows)[0], 5 * noise)
+    nothing = Hypothesis(np.full((3, 4), np.nan), np.full(10, np.inf), 5 * noise)
+    joint = Ransac(10).search_jointly(problem, [nothing, start], rows, 5 * noise, rng)
+    assert abs(joint.model[0, 3] - 3.0) < 2 * noise
+    assert joint.tested >= 300
+    np.testing.assert_array_equal(joint.residuals, problem.residuals(joint.model[None], rows)[0])
+
+
+def test_a_joint_search_without_inliers_returns_what_there_was(rng):
+    problem = naive.Shift()
+    rows = np.column_stack([np.zeros(10), 10.0 + np.arange(10.0)])
+    model = naive.shift_model(0.0)
+    start = Hypothesis(model, problem.residuals(model[None], rows)[0], 0.1)
+    joint = Ransac(10).search_jointly(problem, [start], rows, 0.1, rng)
+    np.testing.assert_array_equal(joint.model, model)
+    assert joint.tested == 0

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from nonsac.evaluation import rotation_error
-from nonsac.pipeline import SampleTask
 from nonsac.reproduce import cells
 from nonsac.reproduce.cells import RULES, Cell, run_trial
 from nonsac.reproduce.experiments import EXPERIMENTS, chosen
 from nonsac.scoring import MinimumMean, MostInliers, TruncatedLp
+from nonsac.search import SampleTask
 from nonsac.sources import ArraySource
 
 COUNTS = (2, 5)
@@ -31,7 +31,7 @@ def hypotheses_of(cell, seed, number):
     rng = cell.generator(seed, number)
     rows, truth = cell.experiment.simulate(5 * cell.sample_size, cell.outlier_ratio, cell.noise, rng)
     seed = int(rng.integers(2**63))
-    parts = (cell.experiment.problem, cell.experiment.estimator, 5 * cell.noise, 5, cell.sample_size, seed)
+    parts = (cell.experiment.problem, cell.experiment.estimator, 5 * cell.noise, cell.sample_size, seed)
     task = SampleTask(ArraySource(rows), *parts)
     return task, [task(i) for i in range(5)], truth
 
@@ -57,8 +57,9 @@ def test_every_rule_sees_the_first_samples_only(experiment):
 
 def test_samples_share_no_row(experiment):
     task, found, _ = hypotheses_of(cell_of(experiment), 0, 0)
-    rows = np.concatenate([task._indices(i) for i in range(5)])
-    assert len(np.unique(rows)) == len(rows) == 5 * experiment.sample_size
+    positions = np.sort([task.position(i) for i in range(5)])
+    np.testing.assert_array_equal(np.diff(positions), experiment.sample_size)
+    assert positions[-1] + experiment.sample_size == 5 * experiment.sample_size
     assert len(found[0].residuals) == experiment.sample_size
 
 

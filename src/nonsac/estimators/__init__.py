@@ -18,7 +18,11 @@ __all__ = ["Estimator", "OrientedPairs", "Pcr99", "Ransac"]
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Finds a model in one sample of rows (N, D). It travels to workers, so it must pickle."""
+    """Finds a model in one sample of rows (N, D). It travels to workers, so it must pickle.
+
+    It may have a further method, `search_jointly(problem, hypotheses, rows, threshold, rng) -> Hypothesis`: one more
+    search where the findings in several samples meet, given all their rows.
+    """
 
     def estimate(
         self, problem: Problem, rows: NDArray[np.float64], threshold: float, rng: np.random.Generator

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -21,6 +21,7 @@ from nonsac.problems.registration import centre
 from nonsac.result import Array, Hypothesis
 
 _BATCH = 1000
+_PROMISING = 10  # one in so many rows goes on to a joint search
 
 Triplets = Iterator[NDArray[np.int64]]
 
@@ -98,7 +99,39 @@ class Pcr99:
             raise TypeError(f"Pcr99 estimates 3D registrations only, got {type(problem).__name__}")
         if self.compare == "distance" and problem.scale is None:
             raise ValueError('Pcr99 with compare="distance" needs a known scale; use compare="log_ratio"')
-        model, tested = self._search(problem, rows, threshold, rng)
+        # In units of the threshold, so that single precision serves any unit.
+        columns = np.ascontiguousarray((rows - centre(rows)).T / threshold)
+        counts = None if self.order == "random" else self._consistent_counts(columns, problem)
+        triplets = self._triplets(problem, columns, counts, rng)
+        hypothesis = self._found(problem, rows, threshold, *self._search(problem, rows, threshold, triplets))
+        if counts is None:
+            return hypothesis
+        first = np.argsort(-counts, kind="stable")[: max(3, len(rows) // _PROMISING)]
+        return replace(hypothesis, promising=rows[first], promise=counts[first].astype(np.float64))
+
+    def search_jointly(
+        self,
+        problem: Problem,
+        hypotheses: Sequence[Hypothesis],
+        rows: Array,
+        threshold: float,
+        rng: np.random.Generator,
+    ) -> Hypothesis:
+        """The best model of the rows that are consistent with the most others in their samples, as many as in one.
+
+        A sample with too few right rows still ranks them higher than most others.
+        """
+        promise = np.concatenate([h.promise for h in hypotheses])
+        if not len(promise):
+            return replace(hypotheses[0], model=np.full((3, 4), np.nan), tested=0)
+        promising = np.concatenate([h.promising for h in hypotheses if len(h.promise)])
+        size = max(len(h.residuals) for h in hypotheses)
+        pool = promising[np.argsort(-promise, kind="stable")[:size]]
+        thorough = replace(self, max_valid=3 * self.max_valid, max_drawn=3 * self.max_drawn)
+        return thorough.estimate(problem, pool, threshold, rng)
+
+    def _found(self, problem: Problem, rows: Array, threshold: float, model: Array, tested: int) -> Hypothesis:
+        """The hypothesis after a fit to the rows near a model."""
         if not np.isfinite(model).all():
             return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
         model = inlier_fit(problem, model, rows, threshold)
@@ -106,12 +139,10 @@ class Pcr99:
             model = reweighted_fit(problem, model, rows, threshold, 10)
         return Hypothesis(model, problem.residuals(model, rows)[0], threshold, tested=tested)
 
-    def _search(
-        self, problem: Registration, rows: Array, threshold: float, rng: np.random.Generator
-    ) -> tuple[Array, int]:
+    def _search(self, problem: Registration, rows: Array, threshold: float, drawn: Triplets) -> tuple[Array, int]:
         """The model with the most inliers, and how many models were compared."""
         best_model, best_count, valid = np.full((3, 4), np.nan), 0, 0
-        for triplets in self._triplets(problem, rows, threshold, rng):
+        for triplets in drawn:
             models = problem.solve_minimal(rows[triplets])
             if len(models):
                 counts = problem.count_inliers(models, rows, threshold)
@@ -126,18 +157,15 @@ class Pcr99:
     def _enough(self, inliers: int, rows: int) -> bool:
         return self.enough_inliers is not None and inliers >= max(9, self.enough_inliers * rows)
 
-    def _triplets(self, problem: Registration, rows: Array, threshold: float, rng: np.random.Generator) -> Triplets:
+    def _triplets(
+        self, problem: Registration, columns: Array, counts: NDArray[np.int32] | None, rng: np.random.Generator
+    ) -> Triplets:
         """Batches of consistent triplets of row numbers, (T, 3) each, in the order in which they are drawn."""
-        known = problem.scale is not None
-        scale = problem.scale or 1.0
-        # In units of the threshold, so that single precision serves any unit.
-        columns = np.ascontiguousarray((rows - centre(rows)).T / threshold)
-        by_ratio = self.compare == "log_ratio"
-        screen = (by_ratio, known, scale, self.tolerance)
-        if self.order == "random":
+        screen = (self.compare == "log_ratio", problem.scale is not None, problem.scale or 1.0, self.tolerance)
+        if counts is None:
             yield from self._random_triplets(columns, screen, rng)
             return
-        ranked = self._ranking(columns, known, scale)
+        ranked = np.argsort(-counts, kind="stable")
         columns = np.ascontiguousarray(columns[:, ranked])
         state = np.array([3, 0, 1, 0], np.int64)
         while True:
@@ -162,13 +190,14 @@ class Pcr99:
             for start in range(0, count, _BATCH):
                 yield found[start : min(start + _BATCH, count)]
 
-    def _ranking(self, columns: Array, known: bool, scale: float) -> NDArray[np.int64]:
-        """Row numbers, those consistent with the most others first."""
+    def _consistent_counts(self, columns: Array, problem: Registration) -> NDArray[np.int32]:
+        """With how many others each row is consistent."""
+        scale = problem.scale or 1.0
         counts = np.empty(columns.shape[1], np.int32)
         if self.compare == "distance":
             shared = columns.astype(np.float32)
             shared[:3] *= np.float32(scale)
             count_consistent_distances(shared, np.float32(self.tolerance), counts)
         else:
-            count_consistent_ratios(columns, known, np.log(scale), self.tolerance, counts)
-        return np.argsort(-counts, kind="stable")
+            count_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, counts)
+        return counts

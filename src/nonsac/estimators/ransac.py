@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Self
@@ -16,6 +17,7 @@ from nonsac.result import Array, Hypothesis
 
 _FIRST_BATCH, _LARGEST_BATCH = 64, 2048
 _COMPARED = 5
+_INNER = 300
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,37 @@ class Ransac:
 
     def with_budget(self, factor: int) -> Self:
         return replace(self, iterations=self.iterations * factor)
+
+    def search_jointly(
+        self,
+        problem: Problem,
+        hypotheses: Sequence[Hypothesis],
+        rows: Array,
+        threshold: float,
+        rng: np.random.Generator,
+    ) -> Hypothesis:
+        """The best model of minimal samples among the inliers of the best hypotheses (inner RANSAC, Chum et al. 2003).
+
+        A hypothesis that is right in part has a larger share of right rows among its inliers, over all samples.
+        """
+        models = np.stack([h.model for h in hypotheses if h.found])
+        costs = biweight_costs(problem, models, rows, threshold)
+        best, cost, tested = models[0], np.inf, 0
+        for model in models[np.argsort(costs, kind="stable")[:_COMPARED]]:
+            inliers = rows[problem.residuals(model[None], rows)[0] < threshold]
+            if len(inliers) <= problem.minimal_size:
+                continue
+            numbers = minimal_samples(len(inliers), problem.minimal_size, _INNER, rng, row_weights(problem, inliers))
+            found = problem.solve_minimal(_gathered(inliers, numbers))
+            if not len(found):
+                continue
+            tested += len(found)
+            counts = problem.count_inliers(found, rows, threshold)
+            first = found[np.argsort(-counts, kind="stable")[:_COMPARED]]
+            costs = biweight_costs(problem, first, rows, threshold)
+            if costs.min() < cost:
+                best, cost = first[int(np.argmin(costs))], float(costs.min())
+        return Hypothesis(best, problem.residuals(best[None], rows)[0], threshold, tested=tested)
 
     def _optimised(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
         """The model after a fit to all rows near it, first from twice as far."""

@@ -28,6 +28,7 @@ class Problem(Protocol):
     - `refit_robustly(model, rows, weights, threshold, iterations)`: `refit` with Tukey's biweight loss, in one go.
     - `simpler_models(model, inliers, threshold)`: special cases that may explain the inliers too, as `Simpler` objects.
     - `covariance(model, inliers, threshold)`: of the parameters of a fitted model, (p, p).
+    - `residual_dimension`: how many independent errors of the same noise a residual is the length of; 1 if left out.
     - `row_weights(rows)`: weights of the rows, (N,), as `Weighted` has.
     """
 

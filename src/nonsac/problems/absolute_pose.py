@@ -47,6 +47,7 @@ class AbsolutePose:
     width: ClassVar[int] = 5
     minimal_size: ClassVar[int] = 3
     split: ClassVar[int] = 2
+    residual_dimension: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "focal", positive("focal", self.focal))

@@ -29,6 +29,7 @@ class Registration:
     width: ClassVar[int] = 6
     minimal_size: ClassVar[int] = 3
     split: ClassVar[int] = 3
+    residual_dimension: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
         if self.scale is None:

@@ -47,6 +47,7 @@ class RelativePose:
     width: ClassVar[int] = 4
     minimal_size: ClassVar[int] = 5
     split: ClassVar[int] = 2
+    residual_dimension: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "focal1", positive("focal1", self.focal1))

@@ -42,6 +42,10 @@ class Weighted:
     def split(self) -> int:
         return self.problem.split
 
+    @property
+    def residual_dimension(self) -> int:
+        return getattr(self.problem, "residual_dimension", 1)
+
     def row_weights(self, rows: Array) -> Array:
         """Weights of rows (N, D), scaled to a mean of 1."""
         weights = rows[:, -1]

@@ -14,11 +14,11 @@ from time import perf_counter
 import numpy as np
 
 from nonsac.evaluation import rotation_error
-from nonsac.pipeline import SampleTask
 from nonsac.problems import Problem
 from nonsac.reproduce.experiments import Experiment
 from nonsac.result import Array, Hypothesis, threshold_of
 from nonsac.scoring import FixedSample, Ideal, paper_rules, select
+from nonsac.search import SampleTask
 from nonsac.sources import ArraySource
 
 __all__ = ["RULES", "SHOWN_RULES", "Cell", "Trial", "TrialTask", "run_trial", "selected_models"]
@@ -79,18 +79,17 @@ def run_trial(cell: Cell, seed: int, number: int) -> Trial:
         experiment.problem,
         experiment.estimator,
         threshold_of(cell.noise),
-        most,
         cell.sample_size,
         int(rng.integers(2**63)),
     )
-    hypotheses, elapsed = _hypotheses(task)
+    hypotheses, elapsed = _hypotheses(task, most)
     trial = Trial({}, {}, {})
     for m in cell.counts:
         start = perf_counter()
         fixed = _with_fixed_sample(task, m)
         middle = perf_counter()
         refined = experiment.refined(
-            task.union(m), noise=cell.noise, samples=m, sample_size=cell.sample_size, rng=task.seed
+            task.union(m), noise=cell.noise, max_samples=m, sample_size=cell.sample_size, rng=task.seed
         )
         end = perf_counter()
         seen = _as_the_rules_see(hypotheses[:m], experiment)
@@ -101,11 +100,11 @@ def run_trial(cell: Cell, seed: int, number: int) -> Trial:
     return trial
 
 
-def _hypotheses(task: SampleTask) -> tuple[list[Hypothesis], list[float]]:
+def _hypotheses(task: SampleTask, count: int) -> tuple[list[Hypothesis], list[float]]:
     """One for each sample, and the seconds that it took to have the first, the first two, ..."""
     start = perf_counter()
     hypotheses, elapsed = [], []
-    for sample in range(task.samples):
+    for sample in range(count):
         hypotheses.append(task(sample))
         elapsed.append(perf_counter() - start)
     return hypotheses, elapsed

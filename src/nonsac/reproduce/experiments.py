@@ -40,7 +40,7 @@ class Experiment:
     simulate : callable
         `simulate(n, outlier_ratio, noise, generator)` gives rows and the true (4, 4) transform.
     refined : callable
-        `refined(rows, noise=..., samples=..., sample_size=...)` is the default pipeline of this package.
+        `refined(rows, noise=..., max_samples=..., sample_size=...)` is the default pipeline of this package.
     outlier_ratios, noises, sample_size
         The grid of the table, and the paper's N.
     residual_power : int

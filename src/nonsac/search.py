@@ -1,0 +1,109 @@
+"""Drawing samples and estimating in each: which rows, in which order, on which workers, until when."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from nonsac.estimators import Estimator
+from nonsac.executors import Workers, ordered_map
+from nonsac.problems import Problem
+from nonsac.result import Array, Hypothesis
+from nonsac.sampling import sample_rows, sample_start, union_rows
+from nonsac.sources import Source
+
+
+class Stop(Protocol):
+    """Says after each sample whether the hypotheses so far are enough."""
+
+    def __call__(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> bool: ...
+
+
+@dataclass(frozen=True)
+class SampleTask:
+    """One sample from its number to its hypothesis; travels to any worker.
+
+    Its rows are those after `start` in the passes over the source, and `number` samples were drawn before.
+    """
+
+    source: Source
+    problem: Problem
+    estimator: Estimator
+    threshold: float
+    sample_size: int
+    seed: int
+    start: int = 0
+    number: int = 0
+
+    def __call__(self, sample: int) -> Hypothesis:
+        indices = sample_rows(len(self.source), self.position(sample), self.sample_size, self.seed)
+        drawn = self.source.take(indices)
+        rows = drawn[np.isfinite(drawn).all(axis=1)]
+        number, dropped = self.number + sample, len(drawn) - len(rows)
+        if len(rows) < self.problem.minimal_size:
+            nothing = np.full((3, 4), np.nan)
+            return Hypothesis(nothing, np.full(len(rows), np.inf), self.threshold, number, dropped=dropped)
+        rng = np.random.default_rng([self.seed, number])
+        hypothesis = self.estimator.estimate(self.problem, rows, self.threshold, rng)
+        return replace(hypothesis, sample=number, dropped=dropped)
+
+    def position(self, sample: int) -> int:
+        """Where in the passes over the source a sample begins."""
+        return sample_start(len(self.source), self.start, sample, self.sample_size)
+
+    def after(self, samples: int) -> SampleTask:
+        """The task that goes on after so many samples of this one."""
+        start = self.position(samples - 1) + self.sample_size
+        return replace(self, start=start, number=self.number + samples)
+
+    def union(self, samples: int, at_least: int = 0) -> Array:
+        """The finite rows that all samples hold together up to `samples` of this task, each once, and further ones."""
+        end = self.position(samples - 1) + self.sample_size if samples else self.start
+        rows = self.source.take(union_rows(len(self.source), end, self.seed, at_least))
+        return rows[np.isfinite(rows).all(axis=1)]
+
+
+@dataclass
+class Search:
+    """The samples drawn so far, and what ends the drawing."""
+
+    task: SampleTask
+    most: int
+    workers: Workers
+    stop: Stop | None
+    progress: Callable[[int, int], object] | None
+    deadline: float | None
+    hypotheses: list[Hypothesis] = field(default_factory=list)
+    stopped: bool = False
+    late: bool = False
+
+    def draw(self, count: int) -> None:
+        """Estimate in so many further samples, or fewer."""
+        count = min(count, self.most - len(self.hypotheses))
+        before = len(self.hypotheses)
+        for hypothesis in ordered_map(self.task, count, self.workers):
+            self.hypotheses.append(hypothesis)
+            if self.progress is not None:
+                self.progress(len(self.hypotheses), self.most)
+            self.stopped = self.stop is not None and self.stop(self.hypotheses, self.task.problem)
+            self.late = self.deadline is not None and time.perf_counter() > self.deadline
+            if self.stopped or self.late:
+                break
+        self.task = self.task.after(len(self.hypotheses) - before)
+
+    @property
+    def ended(self) -> bool:
+        return self.stopped or self.late or len(self.hypotheses) >= self.most
+
+    def union(self, at_least: int = 0) -> Array:
+        """The finite rows of all samples, each once, and further ones up to a number; read when first asked for."""
+        key = (self.task.start, at_least)
+        if self._union is None or self._union[0] != key:
+            self._union = key, self.task.union(0, at_least)
+        return self._union[1]
+
+    _union: tuple[tuple[int, int], Array] | None = field(default=None, repr=False)
