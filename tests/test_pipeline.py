@@ -488,7 +488,7 @@ def test_an_error_in_the_estimator_reaches_the_caller():
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [
-        *(("noise", x) for x in (0, -1.0, math.nan, math.inf, "0.1", None, [0.1, 0.2])),
+        *(("noise", x) for x in (0, -1.0, math.nan, math.inf, "0.1", [0.1, 0.2])),
         *(("samples", x) for x in (0, -3, 2.5, "3", None)),
         *(("sample_size", x) for x in (0, -1, 10.5, "10", None)),
         *(("rule", x) for x in ("best", "tlp_", 3)),

@@ -73,9 +73,9 @@ def test_as_selected_returns_the_winner_judged(scene):
 def test_all_models_that_were_compared_count_in_the_verdict(refiner, scene, monkeypatch):
     told = []
 
-    def spy(problem, model, rows, threshold, tested):
+    def spy(problem, model, rows, threshold, tested, *rest):
         told.append(tested)
-        return judge_rows(problem, model, rows, threshold, tested)
+        return judge_rows(problem, model, rows, threshold, tested, *rest)
 
     monkeypatch.setattr(refine, "judge_rows", spy)
     refined(refiner, scene, 0)

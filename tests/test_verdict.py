@@ -6,7 +6,7 @@ import naive
 from nonsac import verdict as verdicts
 from nonsac.problems import Registration
 from nonsac.result import Status
-from nonsac.verdict import chance_residuals, judge_overlap, judge_rows
+from nonsac.verdict import Residuals, chance_residuals, judge_overlap, judge_rows
 
 THRESHOLD = 0.1
 
@@ -199,7 +199,7 @@ def test_the_share_within_two_sigma_is_that_of_a_chi_distribution(rng, dimension
     lengths = np.linalg.norm(rng.standard_normal((20_000, dimension)), axis=1) / 5.0
     by_chance = np.full(6000, 10.0)
     assert (lengths < 0.4).mean() == pytest.approx(share, abs=0.01)
-    assert verdicts._certainty_of_spread(lengths, by_chance, 1.0, dimension) > 0.999
+    assert verdicts._certainty_of_spread(Residuals(lengths, by_chance), 1.0, dimension) > 0.999
     bound = share**4
     at_bound = np.where(np.arange(20_000) < bound * 20_000, 0.1, 0.9)
-    assert verdicts._certainty_of_spread(at_bound, by_chance, 1.0, dimension) == pytest.approx(0.5, abs=0.15)
+    assert verdicts._certainty_of_spread(Residuals(at_bound, by_chance), 1.0, dimension) == pytest.approx(0.5, abs=0.15)

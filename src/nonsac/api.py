@@ -113,7 +113,7 @@ def register_pairs(
     source: ArrayLike,
     target: ArrayLike,
     *,
-    noise: float,
+    noise: float | None = None,
     scale: float | None = 1.0,
     samples: int | Auto = "auto",
     sample_size: int | Auto = "auto",
@@ -132,9 +132,9 @@ def register_pairs(
     ----------
     source, target : (n, 3) array
         Rows with NaN or infinity are dropped.
-    noise : float
-        Standard deviation of a right match per coordinate, in the unit of the data; rows with a residual below
-        5 `noise` are inliers.
+    noise : float, optional
+        Standard deviation of a right match per coordinate, in the unit of the data; measured where it is left out. Rows
+        with a residual below 5 `noise` are inliers.
     scale : float or None
         The known scale between the clouds, 1 for a rigid motion; None estimates it.
     samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress

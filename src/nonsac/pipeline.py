@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from nonsac import refine as refiners
 from nonsac import scoring
 from nonsac.estimators import Estimator
 from nonsac.executors import Workers
+from nonsac.noise import guessed_noise
 from nonsac.problems import Problem
 from nonsac.refine import Refinement, Refiner
 from nonsac.result import VERSION, Array, Evidence, Hypothesis, Result, Status, failed, homogeneous, threshold_of
@@ -29,6 +30,7 @@ _FIRST_SIZE, _LARGEST_SIZE = 2000, 16_000
 _LEAST_INLIERS = 20  # in a sample: I_min of the paper's rule N >= I_min / P_min
 _ALL_ROWS_BUDGET = 10
 _CLEAR = 0.99
+_MOST_REPETITIONS, _SAME_NOISE = 3, 1.25
 _ENOUGH_FOR_SPECIAL_CASES = 8
 
 
@@ -37,7 +39,7 @@ def estimate(
     problem: Problem,
     estimator: Estimator,
     *,
-    noise: float,
+    noise: float | None = None,
     samples: int | Auto = "auto",
     sample_size: int | Auto = "auto",
     max_samples: int = 100,
@@ -62,8 +64,10 @@ def estimate(
         The mathematics, for instance `Registration()`.
     estimator : Estimator
         Finds a model in one sample, for instance `Pcr99.for_pairs()`.
-    noise : float
-        Standard deviation of an inlier, in the unit of the residual; the inlier threshold is 5 `noise`.
+    noise : float, optional
+        Standard deviation of an inlier, in the unit of the residual; the inlier threshold is 5 `noise`. Where it is
+        left out it is measured, at two to three times the work, and with many outliers an answer is less easily
+        trusted. A given one that is off by a factor of three is remarked on in `info`.
     samples : "auto" or int
         The paper's m. "auto" draws two samples, then as many again, and so on, until the answer is clear (a confidence
         of 0.99) or `max_samples` are drawn. Samples do not overlap until every row has been drawn.
@@ -104,45 +108,86 @@ def estimate(
     _check_numbers(source, problem, noise, samples, sample_size, max_samples, time_limit)
     selector = scoring.by_name(rule) if isinstance(rule, str) or not _is_object(rule, ScoringRule) else rule
     refiner = refiners.by_name(refine) if isinstance(refine, str) or not _is_object(refine, Refiner) else refine
-    most, estimator = _plan(selector, max_samples if samples == "auto" else samples, samples, estimator)
+    automatic = samples == "auto"
+    most, planned = _plan(selector, max_samples if samples == "auto" else samples, automatic, estimator)
     size = _FIRST_SIZE if sample_size == "auto" else sample_size
     if size >= len(source) and most > 1:  # every sample would be all rows: one, with the budget of all
-        estimator = estimator.with_budget(min(most, _ALL_ROWS_BUDGET) if samples == "auto" else most)
+        planned = planned.with_budget(min(most, _ALL_ROWS_BUDGET) if automatic else most)
         most = 1
-    clock = Stopwatch()
-    search = Search(
-        SampleTask(source, problem, estimator, threshold_of(noise), size, canonical_seed(rng)),
-        most,
-        workers,
-        stop,
-        progress,
-        None if time_limit is None else time.perf_counter() + time_limit,
+    deadline = None if time_limit is None else time.perf_counter() + time_limit
+    task = SampleTask(source, problem, planned, float("nan"), size, canonical_seed(rng))
+    method = Method(
+        Search(task, most, workers, stop, progress, deadline), selector, refiner, automatic, sample_size == "auto"
     )
-    info = {"seed": search.task.seed, "version": VERSION, "rule": selector.name}
     if len(source) < problem.minimal_size:
-        info |= {"samples": 0, "sample_size": size, "remarks": (), "seconds": clock.laps}
-        return failed(Status.TOO_FEW, noise, info, evidence=Evidence(source, problem))
+        info = method.described(Stopwatch(), ())
+        return failed(
+            Status.TOO_FEW, float("nan") if noise is None else noise, info, evidence=Evidence(source, problem)
+        )
+    return method.run(float(noise)) if noise is not None else _run_with_measured_noise(method, estimator)
 
-    while True:
-        search.draw(_next_round(len(search.hypotheses)) if samples == "auto" else most)
-        clock.lap("hypotheses")
-        winner, scores = scoring.select(selector, search.hypotheses, problem)
-        clock.lap("selection")
-        refinement = _refined(search, refiner, winner)
-        clock.lap("refinement")
-        if search.ended or _is_settled(refinement, len(search.hypotheses)):
+
+@dataclass(frozen=True)
+class Method:
+    """The parts that were chosen, and the method itself."""
+
+    search: Search
+    selector: ScoringRule
+    refiner: Refiner
+    automatic_samples: bool
+    automatic_size: bool
+
+    def run(self, noise: float) -> Result:
+        """Sample, estimate in each sample, select, refine and judge; again with more samples until that is clear."""
+        search, clock = self.search.begun(threshold_of(noise)), Stopwatch()
+        while True:
+            search.draw(_next_round(len(search.hypotheses)) if self.automatic_samples else search.most)
+            clock.lap("hypotheses")
+            winner, scores = scoring.select(self.selector, search.hypotheses, search.task.problem)
+            clock.lap("selection")
+            refinement = _refined(search, self.refiner, winner)
+            clock.lap("refinement")
+            if search.ended or _is_settled(refinement, len(search.hypotheses)):
+                break
+            if self.automatic_size:
+                search.task = replace(search.task, sample_size=_next_size(refinement))
+        hypotheses = scoring.scored(search.hypotheses, scores)
+        info = self.described(clock, hypotheses) | {"sample_size": search.task.sample_size}
+        return _result(search, refinement, hypotheses, noise, info)
+
+    def described(self, clock: Stopwatch, hypotheses: tuple[Hypothesis, ...]) -> dict[str, Any]:
+        """What another run needs to give the same answer, and what this one took."""
+        return {
+            "seed": self.search.task.seed,
+            "version": VERSION,
+            "rule": self.selector.name,
+            "samples": len(hypotheses),
+            "sample_size": self.search.task.sample_size,
+            "dropped_rows": sum(h.dropped for h in hypotheses),
+            "remarks": (),
+            "seconds": clock.laps,
+        }
+
+
+def _run_with_measured_noise(method: Method, estimator: Estimator) -> Result:
+    """The method at a noise level guessed on the first sample, and again where its answer shows another one."""
+    task, refiner = method.search.task, method.refiner
+    rows = task.rows(0)[0]
+    noise = guessed_noise(task.problem, estimator, rows, np.random.default_rng([task.seed, 0, 2]))
+    if not np.isfinite(noise):
+        status = _reason(task.problem, rows, 0.0)
+        return failed(status, noise, method.described(Stopwatch(), ()), evidence=Evidence(task.source, task.problem))
+    if hasattr(refiner, "known_noise"):  # a model that is right in part looks right at a noise measured on it
+        method = replace(method, refiner=replace(refiner, known_noise=False))  # type: ignore[type-var]
+    least = 0.1 * noise
+    for _ in range(_MOST_REPETITIONS):
+        result = method.run(noise)
+        measured = max(result.info.get("measured_noise", float("nan")), least)
+        if not np.isfinite(measured) or max(measured / noise, noise / measured) < _SAME_NOISE:
             break
-        if sample_size == "auto":
-            search.task = replace(search.task, sample_size=_next_size(refinement))
-
-    info |= {
-        "samples": len(search.hypotheses),
-        "sample_size": search.task.sample_size,
-        "dropped_rows": sum(h.dropped for h in search.hypotheses),
-        "remarks": () if refinement is None else refinement.remarks,
-        "seconds": clock.laps,
-    }
-    return _result(search, refinement, scoring.scored(search.hypotheses, scores), float(noise), info)
+        noise = measured
+    remarks = tuple(remark for remark in result.info["remarks"] if not remark.startswith("noise"))
+    return replace(result, info=result.info | {"remarks": remarks})
 
 
 class Stopwatch:
@@ -205,6 +250,9 @@ def _result(
         status = Status.TIME_LIMIT if search.late else _reason(task.problem, search.union(), task.threshold)
         return failed(status, noise, info, hypotheses, evidence)
     late = search.late and refinement.status is Status.LOW_SUPPORT
+    info |= {"remarks": refinement.remarks}
+    if refinement.measured_noise is not None:
+        info |= {"measured_noise": refinement.measured_noise}
     return Result(
         T=homogeneous(refinement.model),
         status=Status.TIME_LIMIT if late else refinement.status,
@@ -234,11 +282,11 @@ def _reason(problem: Problem, rows: Array, threshold: float) -> Status:
     return Status.LOW_SUPPORT if problem.determined(nothing, rows, threshold) else Status.DEGENERATE
 
 
-def _plan(rule: ScoringRule, most: int, samples: int | Auto, estimator: Estimator) -> tuple[int, Estimator]:
+def _plan(rule: ScoringRule, most: int, automatic: bool, estimator: Estimator) -> tuple[int, Estimator]:
     """A rule may spend the budget in its own way, as `FixedSample` does."""
     if not hasattr(rule, "plan"):
         return most, estimator
-    if samples == "auto":
+    if automatic:
         raise ValueError(f"samples must be a number with the rule {rule.name}, which spends them in its own way")
     return rule.plan(most, estimator)
 
@@ -258,14 +306,16 @@ def _check_objects(source: Source, problem: Problem, estimator: Estimator) -> No
 def _check_numbers(
     source: Source,
     problem: Problem,
-    noise: float,
+    noise: float | None,
     samples: int | Auto,
     sample_size: int | Auto,
     max_samples: int,
     time_limit: float | None,
 ) -> None:
-    if not _is_positive(noise):
-        raise ValueError(f"noise must be a positive number, the standard deviation of an inlier, got {noise!r}")
+    if noise is not None and not _is_positive(noise):
+        raise ValueError(
+            f"noise must be a positive number, the standard deviation of an inlier, or None, got {noise!r}"
+        )
     if time_limit is not None and not _is_positive(time_limit):
         raise ValueError(f"time_limit must be None or a positive number of seconds, got {time_limit!r}")
     counts: tuple[tuple[str, Any, int], ...] = (

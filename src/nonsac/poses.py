@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from nonsac.sources import JoinedSource
 Random = int | np.random.Generator | None
 Progress = Callable[[int, int], object]
 
-_DEFAULT_NOISE = 0.5  # pixels
 _LARGEST_NORMALISED = 10.0
 
 
@@ -60,8 +58,8 @@ def relative_pose(
         where it is left out. Nothing is shifted: points and cameras share one convention for the centres of pixels,
         (0, 0) for the first one as in OpenCV or (0.5, 0.5) as in COLMAP.
     noise : float, optional
-        Standard deviation of a right match, in pixels where cameras are given (default 0.5), else in normalised
-        coordinates, where there is no default. Rows with a Sampson residual below 5 `noise` are inliers.
+        Standard deviation of a right match, in pixels where cameras are given, else in normalised coordinates; measured
+        where it is left out. Rows with a Sampson residual below 5 `noise` are inliers.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit: the certainty of a dense matcher, say.
     samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
@@ -95,7 +93,7 @@ def relative_pose(
         problem,
         weights_argument(weights, len(a)),
         any(wrong_unit),
-        noise=_noise(noise, first),
+        noise=noise,
         samples=samples,
         sample_size=sample_size,
         max_samples=max_samples,
@@ -140,9 +138,9 @@ def absolute_pose(
         A matrix K (3, 3), `(fx, fy, cx, cy)`, a COLMAP model string or dict, or a `Camera`, with the same convention
         for the centres of pixels as the points.
     noise : float, optional
-        Standard deviation of an image point in each direction, in pixels where a camera is given (default 0.5), else
-        in normalised coordinates, where there is no default. Rows with a reprojection error below 5 `noise` are
-        inliers; points behind the camera never are.
+        Standard deviation of an image point in each direction, in pixels where a camera is given, else in normalised
+        coordinates; measured where it is left out. Rows with a reprojection error below 5 `noise` are inliers; points
+        behind the camera never are.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit.
     samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
@@ -171,7 +169,7 @@ def absolute_pose(
         AbsolutePose() if parsed is None else AbsolutePose(parsed.focal),
         weights_argument(weights, len(image)),
         any(wrong_unit),
-        noise=_noise(noise, parsed),
+        noise=noise,
         samples=samples,
         sample_size=sample_size,
         max_samples=max_samples,
@@ -217,26 +215,13 @@ def _normaliser(camera: Camera | None) -> Callable[[Array], Array] | None:
     return None if camera is None else camera.normalise
 
 
-def _noise(noise: float | None, camera: Camera | None) -> float:
-    if noise is None and camera is None:
-        raise ValueError(
-            "noise must be given where no camera is: the standard deviation of a right match in normalised image "
-            "coordinates, for instance 0.5 pixels divided by the focal length in pixels"
-        )
-    if noise is None:
-        return _DEFAULT_NOISE
-    if isinstance(noise, bool) or not isinstance(noise, Real) or not 0 < noise < np.inf:
-        raise ValueError(f"noise must be a positive number, the standard deviation of an inlier, got {noise!r}")
-    return float(noise)
-
-
 def _warn_wrong_unit(points: NDArray[Any], name: str, camera: Camera | None, camera_name: str) -> bool:
     """Whether these are pixels without a camera, or normalised coordinates with one, going by some; and warn of it."""
-    some = np.abs(points[:: max(1, len(points) // 1000)].astype(np.float64))
-    some = some[np.isfinite(some)]
-    typical = float(np.median(some)) if len(some) else 1.0
-    if camera is None and typical > _LARGEST_NORMALISED:
-        message = f"{name} look like pixels (median size {typical:.3g}), not like normalised image coordinates: "
+    some = _some_sizes(points)
+    if camera is None and look_like_pixels(points):
+        message = (
+            f"{name} look like pixels (median size {np.median(some):.3g}), not like normalised image coordinates: "
+        )
         warnings.warn(f"{message}pass {camera_name}", stacklevel=3)
         return True
     if camera is not None and len(some) and some.max() < _LARGEST_NORMALISED < 0.1 * camera.focal:
@@ -244,3 +229,14 @@ def _warn_wrong_unit(points: NDArray[Any], name: str, camera: Camera | None, cam
         warnings.warn(f"{message}leave {camera_name} out, and give noise in their unit", stacklevel=3)
         return True
     return False
+
+
+def look_like_pixels(points: NDArray[Any]) -> bool:
+    """Whether image points are too far from the origin to be normalised coordinates, going by some."""
+    some = _some_sizes(points)
+    return bool(len(some) and np.median(some) > _LARGEST_NORMALISED)
+
+
+def _some_sizes(points: NDArray[Any]) -> Array:
+    sizes = np.abs(points[:: max(1, len(points) // 1000)].astype(np.float64))
+    return sizes[np.isfinite(sizes)]

@@ -9,9 +9,13 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from nonsac.fitting import biweight_costs, reweighted_fit
-from nonsac.problems import Problem
-from nonsac.result import Alternative, Array, Hypothesis, Status
-from nonsac.verdict import judge_rows
+from nonsac.noise import measured_noise
+from nonsac.problems import Problem, residual_dimension
+from nonsac.result import Alternative, Array, Hypothesis, Status, threshold_of
+from nonsac.verdict import Residuals, judge_rows
+
+_LARGER = 1.5
+_VERY_DIFFERENT = 3.0
 
 
 class Rows(Protocol):
@@ -24,8 +28,8 @@ class Rows(Protocol):
 class Refinement:
     """The improved model, what supports it, and whether to trust it.
 
-    `noise` and `threshold` are given where the refiner has its own, measured ones. `remarks` name special cases of the
-    data, such as "planar".
+    `noise` and `threshold` are given where the refiner has its own, and `measured_noise` where it measured what the
+    inliers show. `remarks` name special cases of the data, such as "planar".
     """
 
     model: Array
@@ -37,6 +41,7 @@ class Refinement:
     noise: float | None = None
     threshold: float | None = None
     covariance: Array | None = None
+    measured_noise: float | None = None
     remarks: tuple[str, ...] = ()
 
 
@@ -56,10 +61,12 @@ class Refiner(Protocol):
 class AsSelected:
     """The selected hypothesis as it is, for studies of the rules; judged on the union of the samples."""
 
+    known_noise: bool = True
+
     def refine(
         self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
     ) -> Refinement:
-        return judged(problem, hypotheses, hypotheses[winner].model, union(), threshold)
+        return judged(problem, hypotheses, hypotheses[winner].model, union(), threshold, self.known_noise)
 
 
 @dataclass(frozen=True)
@@ -77,11 +84,14 @@ class UnionRefit:
         Reweighted least-squares steps for each, at most.
     polish_rows : int
         Rows that the winner is fitted to in the end, at least; all rows where there are fewer.
+    known_noise : bool
+        Whether the threshold is that of a known noise, which the verdict then makes use of.
     """
 
     candidates: int = 4
     iterations: int = 20
     polish_rows: int = 0
+    known_noise: bool = True
     joint: ClassVar[bool] = True
 
     def refine(
@@ -98,7 +108,12 @@ class UnionRefit:
         more = union(self.polish_rows)
         if len(more) > len(rows):
             best = self._converged(problem, best, more, threshold)
-        return judged(problem, hypotheses, best, more, threshold)
+        residuals = Residuals.of(problem, best, more)
+        noise = measured_noise(residuals, threshold, residual_dimension(problem))
+        if threshold_of(noise) < threshold / _LARGER:  # rows between the two are no inliers, and only disturb
+            best = self._converged(problem, best, more, max(threshold_of(noise), 1e-3 * threshold))
+            residuals = Residuals.of(problem, best, more)
+        return judged(problem, hypotheses, best, more, threshold, self.known_noise, residuals)
 
     def _best_twin(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
         """The model, or one of those that a special case of the data allows besides, whichever fits best."""
@@ -143,14 +158,23 @@ def by_name(name: object) -> Refiner:
 
 
 def judged(
-    problem: Problem, hypotheses: Sequence[Hypothesis], model: Array, rows: Array, threshold: float
+    problem: Problem,
+    hypotheses: Sequence[Hypothesis],
+    model: Array,
+    rows: Array,
+    threshold: float,
+    known_noise: bool = True,
+    residuals: Residuals | None = None,
 ) -> Refinement:
-    """A model with its inliers among `rows` and the verdict on it."""
+    """A model with its inliers among `rows`, what their noise is, and the verdict on it."""
     tested = sum(h.tested for h in hypotheses)
-    verdict = judge_rows(problem, model, rows, threshold, tested)
-    inliers = rows[problem.residuals(model[None], rows)[0] < threshold]
+    residuals = residuals or Residuals.of(problem, model, rows)
+    verdict = judge_rows(problem, model, rows, threshold, tested, known_noise, residuals)
+    noise = measured_noise(residuals, threshold, residual_dimension(problem))
+    inliers = rows[residuals.of_rows < threshold]
+    trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
     covariance = None
-    if hasattr(problem, "covariance") and verdict.status in (Status.OK, Status.AMBIGUOUS):
+    if hasattr(problem, "covariance") and trusted:
         covariance = problem.covariance(model, inliers, threshold)
     return Refinement(
         model,
@@ -160,5 +184,15 @@ def judged(
         len(rows),
         alternatives=verdict.alternatives,
         covariance=covariance,
-        remarks=verdict.remarks,
+        measured_noise=noise,
+        remarks=(*verdict.remarks, *(_on_noise(5.0 * noise / threshold) if trusted or verdict.remarks else ())),
     )
+
+
+def _on_noise(ratio: float) -> tuple[str, ...]:
+    """Where the measured noise is another than the given one."""
+    if ratio > _VERY_DIFFERENT:
+        return (f"noise is larger than given, by a factor of {ratio:.2g}",)
+    if ratio < 1.0 / _VERY_DIFFERENT:
+        return (f"noise is smaller than given, by a factor of {1.0 / max(ratio, 1e-9):.2g}",)
+    return ()

@@ -292,6 +292,7 @@ class Result:
             f"noise {self.noise:.4g}",
             f"  {len(self.hypotheses)} hypotheses, {len(self.alternatives)} alternatives",
         ]
+        lines += [f"  remark: {remark}" for remark in self.info.get("remarks", ())]
         return "\n".join(lines if self.success else [*lines, f"  {self.status.explanation}"])
 
 

@@ -40,16 +40,21 @@ class SampleTask:
     number: int = 0
 
     def __call__(self, sample: int) -> Hypothesis:
-        indices = sample_rows(len(self.source), self.position(sample), self.sample_size, self.seed)
-        drawn = self.source.take(indices)
-        rows = drawn[np.isfinite(drawn).all(axis=1)]
-        number, dropped = self.number + sample, len(drawn) - len(rows)
+        rows, dropped = self.rows(sample)
+        number = self.number + sample
         if len(rows) < self.problem.minimal_size:
             nothing = np.full((3, 4), np.nan)
             return Hypothesis(nothing, np.full(len(rows), np.inf), self.threshold, number, dropped=dropped)
         rng = np.random.default_rng([self.seed, number])
         hypothesis = self.estimator.estimate(self.problem, rows, self.threshold, rng)
         return replace(hypothesis, sample=number, dropped=dropped)
+
+    def rows(self, sample: int) -> tuple[Array, int]:
+        """The finite rows of a sample, and how many others were dropped."""
+        indices = sample_rows(len(self.source), self.position(sample), self.sample_size, self.seed)
+        drawn = self.source.take(indices)
+        rows = drawn[np.isfinite(drawn).all(axis=1)]
+        return rows, len(drawn) - len(rows)
 
     def position(self, sample: int) -> int:
         """Where in the passes over the source a sample begins."""
@@ -80,6 +85,10 @@ class Search:
     hypotheses: list[Hypothesis] = field(default_factory=list)
     stopped: bool = False
     late: bool = False
+
+    def begun(self, threshold: float) -> Search:
+        """The same search, with a threshold and nothing drawn yet."""
+        return replace(self, task=replace(self.task, threshold=threshold), hypotheses=[], _union=None)
 
     def draw(self, count: int) -> None:
         """Estimate in so many further samples, or fewer."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import betainc, chdtr, ndtr
 
-from nonsac.problems import Problem
+from nonsac.problems import Problem, residual_dimension
 from nonsac.result import Alternative, Array, Status, homogeneous
 
 _LARGEST_CHANCE = 1e-6
@@ -24,7 +24,27 @@ class Verdict:
     remarks: tuple[str, ...] = ()
 
 
-def judge_rows(problem: Problem, model: Array, rows: Array, threshold: float, tested: int) -> Verdict:
+@dataclass(frozen=True)
+class Residuals:
+    """Of all rows, and of the same rows paired at random, for one model."""
+
+    of_rows: Array
+    by_chance: Array
+
+    @classmethod
+    def of(cls, problem: Problem, model: Array, rows: Array) -> Residuals:
+        return cls(problem.residuals(model[None], rows)[0], chance_residuals(problem, model, rows))
+
+
+def judge_rows(
+    problem: Problem,
+    model: Array,
+    rows: Array,
+    threshold: float,
+    tested: int,
+    known_noise: bool = True,
+    residuals: Residuals | None = None,
+) -> Verdict:
     """Could a model with this many inliers come up by chance, or as a model that is right in part only?
 
     *Chance.* The chance level is measured on the same rows with their pairing shuffled: the marginal distributions
@@ -35,31 +55,31 @@ def judge_rows(problem: Problem, model: Array, rows: Array, threshold: float, te
 
     *Part of the truth.* A model near a wrong optimum has many true matches within the threshold, too, but these are
     spread over it, where those of the right model keep within two standard deviations of the noise. Either the inliers
-    beyond chance show this, or the search was so long that a better model, of which every minimal sample of true
-    matches is a start, would have come up (`_certainty_of_search`).
+    beyond chance show this, where the noise is known, or the search was so long that a better model, of which every
+    minimal sample of true matches is a start, would have come up (`_certainty_of_search`).
 
     The confidence is the lesser of both, 0.5 at either bound. The first test is applied, too, to the inliers that a
     simpler model (a rotation without a baseline, a planar scene) does not explain. Where they are no more than chance,
     the data are of that simpler kind.
     """
-    residuals = problem.residuals(model[None], rows)[0]
-    inliers = rows[residuals < threshold]
+    residuals = residuals or Residuals.of(problem, model, rows)
+    inliers = rows[residuals.of_rows < threshold]
     if _distinct_count(problem, inliers) <= problem.minimal_size:
         return Verdict(Status.LOW_SUPPORT, 0.0)
     if not problem.determined(model, inliers, threshold):
         return Verdict(Status.DEGENERATE, 0.0)
-    by_chance = chance_residuals(problem, model, rows)
-    rate = chance_rate(by_chance, threshold)
+    rate = chance_rate(residuals.by_chance, threshold)
     chance = min(1.0, _chance(problem, inliers, len(rows), rate) * max(tested, 1))
     confidence = 1.0 - float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE)))
     if chance >= _LARGEST_CHANCE:
         return Verdict(Status.LOW_SUPPORT, confidence)
     support = (len(inliers) - len(rows) * rate) / len(rows)
-    whole = max(
-        _certainty_of_spread(residuals, by_chance, threshold, getattr(problem, "residual_dimension", 1)),
-        _certainty_of_search(support, tested, problem.minimal_size),
-    )
+    whole = _certainty_of_search(support, tested, problem.minimal_size)
+    if known_noise:
+        whole = max(whole, _certainty_of_spread(residuals, threshold, residual_dimension(problem)))
     confidence = min(confidence, whole)
+    if confidence < 0.5:
+        return Verdict(Status.LOW_SUPPORT, confidence, remarks=("partly right",))
     remarks: list[str] = []
     alternatives: list[Alternative] = []
     for simpler in problem.simpler_models(model, inliers, threshold) if hasattr(problem, "simpler_models") else ():
@@ -73,26 +93,23 @@ def judge_rows(problem: Problem, model: Array, rows: Array, threshold: float, te
             ratios = np.minimum(problem.residuals(np.stack([model, other]), rows) / threshold, 1.0)
             if _lead(*ratios) < _CLEAR_LEAD:
                 alternatives.append(Alternative(homogeneous(other), float((ratios[1] < 1.0).mean())))
-    if confidence < 0.5:
-        return Verdict(Status.LOW_SUPPORT, confidence, tuple(alternatives), ("partly right", *remarks))
     status = Status.AMBIGUOUS if alternatives else Status.OK
     return Verdict(status, min(confidence, 0.5) if alternatives else confidence, tuple(alternatives), tuple(remarks))
 
 
-def _certainty_of_spread(residuals: Array, by_chance: Array, threshold: float, dimension: int) -> float:
+def _certainty_of_spread(residuals: Residuals, threshold: float, dimension: int) -> float:
     """How certainly the inliers beyond chance keep to the noise: 0.5 where as many as of a wrong model do.
 
     Of a right model, the share within two of the five standard deviations is that of a chi distribution; of a wrong
     one it is at most the fourth power of that (0.83, 0.56, 0.30 in one, two and three dimensions).
     """
-    shares = [chance_rate(by_chance, x) for x in (0.4 * threshold, threshold)]
-    hits = np.array([np.count_nonzero(residuals < x) for x in (0.4 * threshold, threshold)])
-    near, all_inliers = hits - len(residuals) * np.array(shares)
+    rows, pairs = len(residuals.of_rows), len(residuals.by_chance)
+    shares = np.array([chance_rate(residuals.by_chance, x) for x in (0.4 * threshold, threshold)])
+    hits = np.array([np.count_nonzero(residuals.of_rows < x) for x in (0.4 * threshold, threshold)])
+    near, all_inliers = hits - rows * shares
     bound = float(chdtr(dimension, 4.0)) ** 4
-    within, beyond = (1.0 - bound) ** 2, bound**2
-    variance = within * hits[0] + beyond * (hits[1] - hits[0])
-    of_shares = within * shares[0] + beyond * (shares[1] - shares[0])
-    variance += len(residuals) ** 2 / len(by_chance) * of_shares
+    weights = np.array([(1.0 - bound) ** 2 - bound**2, bound**2])  # of those within, and of all
+    variance = weights @ hits + rows**2 / pairs * (weights @ shares)
     return float(ndtr((near - bound * all_inliers) / np.sqrt(variance)))
 
 
@@ -137,13 +154,17 @@ def _count_distinct(points: Array) -> int:
 
 
 def chance_residuals(problem: Problem, model: Array, rows: Array) -> Array:
-    """Residuals of rows that are paired at random, none with its own second half."""
+    """Residuals of rows that are paired at random."""
+    return problem.residuals(model[None], paired_at_random(problem, rows, min(50_000, max(6_000, 10 * len(rows)))))[0]
+
+
+def paired_at_random(problem: Problem, rows: Array, size: int) -> Array:
+    """So many rows of two halves from different rows: the marginal distributions without the matches."""
     n = len(rows)
-    size = min(100_000, max(6_000, 10 * n))
     rng = np.random.default_rng(n)
     first = rng.integers(n, size=size)
     second = (first + rng.integers(1, n, size=size)) % n
-    return problem.residuals(model[None], np.hstack([rows[first, : problem.split], rows[second, problem.split :]]))[0]
+    return np.hstack([rows[first, : problem.split], rows[second, problem.split :]])
 
 
 def chance_rate(by_chance: Array, threshold: float) -> float:

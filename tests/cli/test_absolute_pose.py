@@ -105,10 +105,19 @@ def test_options_are_passed_on(table, points, monkeypatch, run):
         return result
 
     monkeypatch.setattr(poses, "absolute_pose", record)
-    options = {"noise": 0.7, "samples": 3, "sample_size": 50, "seed": 5, "workers": 1}
+    options = {
+        "noise": 0.7,
+        "samples": 3,
+        "sample_size": 50,
+        "max_samples": 9,
+        "time_limit": 60.0,
+        "seed": 5,
+        "workers": 1,
+    }
     run("absolute-pose", table, *CAMERA, *(x for k, v in options.items() for x in (f"--{k.replace('_', '-')}", v)))
     told.pop("progress")
-    assert told == {"noise": 0.7, "samples": 3, "sample_size": 50, "rng": 5, "workers": 1, "weights": None}
+    del options["seed"]
+    assert told == options | {"rng": 5, "weights": None}
 
 
 # --- output ------------------------------------------------------------
@@ -204,7 +213,10 @@ def test_points_that_are_not_finite(folder, points, run):
         (["--camera", "PINHOLE"], "'--camera': 'PINHOLE' is neither a file nor a camera"),
         (["--camera", "PINHOLE 0 1 1 1"], "'--camera': fx is 0.0; expected a focal length above 0"),
         (["--camera1", str(FIRST)], "No such option"),
-        ([], "'--noise': there is no camera: give --camera, or --noise in normalised coordinates"),
+        (["--samples", "0"], "'--samples': '0' is neither a number of at least 1 nor 'auto'"),
+        (["--samples", "many"], "'--samples': 'many' is neither a number of at least 1 nor 'auto'"),
+        (["--max-samples", "0"], "'--max-samples'"),
+        (["--time-limit", "0"], "'--time-limit': 0 is not a positive number"),
         (["--noise", "-1"], "'--noise': -1 is not a positive number"),
         (["--sample-size", "2"], "'--sample-size'"),
         (["--output", "T.png"], "'--output': T.png: T is written as text"),

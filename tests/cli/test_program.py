@@ -37,13 +37,13 @@ def test_help_and_version(run):
 
 
 SHARED = {"--samples", "--sample-size", "--seed", "--workers", "--output", "--picture", "--json", "--quiet", "--help"}
-POSES = SHARED | {"--noise", "--save-inliers"}
+ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--time-limit"}
 OPTIONS = {
     "register-clouds": SHARED | {"--save-aligned"},
-    "register-pairs": SHARED | {"--noise", "--scale", "--save-aligned", "--save-inliers"},
-    "relative-pose": POSES
+    "register-pairs": ROWS | {"--scale", "--save-aligned"},
+    "relative-pose": ROWS
     | {"--image1", "--image2", "--camera1", "--camera2", "--photo1", "--photo2", "--write-geometry"},
-    "absolute-pose": POSES | {"--image", "--camera", "--photo"},
+    "absolute-pose": ROWS | {"--image", "--camera", "--photo"},
     "demo": {"--picture", "--seed", "--workers", "--save-scans", "--json", "--quiet", "--help"},
     "warmup": {"--help"},
 }

@@ -216,7 +216,6 @@ def test_options_are_refused_before_any_work(scans, refused, monkeypatch, option
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "Missing option '--noise'"),
         (["--noise", "-1"], "'--noise': -1 is not a positive number"),
         (["--noise", "nan"], "'--noise': nan is not a positive number"),
         (["--noise", "much"], "'--noise'"),

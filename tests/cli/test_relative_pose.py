@@ -147,10 +147,19 @@ def test_options_are_passed_on(table, views, monkeypatch, run):
         return result
 
     monkeypatch.setattr(poses, "relative_pose", record)
-    options = {"noise": 0.7, "samples": 3, "sample_size": 50, "seed": 5, "workers": 1}
+    options = {
+        "noise": 0.7,
+        "samples": 3,
+        "sample_size": 50,
+        "max_samples": 9,
+        "time_limit": 60.0,
+        "seed": 5,
+        "workers": 1,
+    }
     run("relative-pose", table, *CAMERAS, *(x for k, v in options.items() for x in (f"--{k.replace('_', '-')}", v)))
     told.pop("progress")
-    assert told == {"noise": 0.7, "samples": 3, "sample_size": 50, "rng": 5, "workers": 1, "weights": None}
+    del options["seed"]
+    assert told == options | {"rng": 5, "weights": None}
 
 
 # --- output ------------------------------------------------------------
@@ -340,7 +349,10 @@ def test_matches_that_are_not_finite(folder, views, run):
         (["--camera1", "words.txt"], "'--camera1': words.txt: line 2: 'b' is not a number"),
         (["--camera2", "0,1,1,1"], "'--camera2': fx is 0.0"),
         (["--camera2", str(SECOND)], "'--camera1': give the camera of the first image, too"),
-        ([], "'--noise': there is no camera: give --camera1, or --noise in normalised coordinates"),
+        (["--samples", "0"], "'--samples': '0' is neither a number of at least 1 nor 'auto'"),
+        (["--samples", "many"], "'--samples': 'many' is neither a number of at least 1 nor 'auto'"),
+        (["--max-samples", "0"], "'--max-samples'"),
+        (["--time-limit", "0"], "'--time-limit': 0 is not a positive number"),
         (["--noise", "0"], "'--noise': 0 is not a positive number"),
         (["--noise", "inf"], "'--noise': inf is not a positive number"),
         (["--samples", "0"], "'--samples'"),
@@ -419,7 +431,7 @@ def test_hloc_files_that_do_not_go_together(folder, views, refused):
     assert "'SECOND': features.h5: hloc keeps matches apart" in refused("relative-pose", "features.h5", *NAMES)
     assert "'--image1': features.h5 holds" in refused("relative-pose", "features.h5", "matches.h5", *CAMERAS)
     message = refused("relative-pose", "features.h5", "matches.h5", *NAMES)
-    assert "'--noise': there is no camera: give --camera1" in message
+    assert "'--camera1': the points look like pixels, and there is no camera" in message
     message = refused("relative-pose", "features.h5", "none.h5", *NAMES, *CAMERAS)
     assert message == "nonsac: none.h5: no such file; check the path\n"
     assert "'SECOND': database.db needs no second" in refused("relative-pose", "database.db", "matches.h5", *NAMES)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from nonsac.camera import Camera, CameraLike
     from nonsac.io import Matches, PointMatches
+    from nonsac.result import Array
 
     Cameras = tuple[Camera | None, Camera | None]
     Photo = NDArray[Any] | None
@@ -118,10 +119,12 @@ def choose_cameras(options: tuple[str | None, str | None], path: Path, matches: 
     return first, second or first
 
 
-def check_noise(noise: float | None, camera: Camera | None, option: str) -> None:
-    if noise is None and camera is None:
-        problem = f"there is no camera: give {option}, or --noise in normalised coordinates"
-        raise _bad("--noise", f"{problem}, for instance 0.5 pixels divided by the focal length")
+def check_unit(points: Array, noise: float | None, camera: Camera | None, option: str) -> None:
+    """Without a camera, pixels are an oversight, unless their noise is told."""
+    from nonsac.poses import look_like_pixels
+
+    if noise is None and camera is None and look_like_pixels(points):
+        raise _bad(option, "the points look like pixels, and there is no camera: give one, or normalised coordinates")
 
 
 def read_photo(option: str, path: Path | None, picture: Path | None, camera: Camera | None) -> Photo:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -17,6 +18,21 @@ def positive(value: float | None) -> float | None:
     if value is not None and not 0 < value < float("inf"):
         raise typer.BadParameter(f"{value:g} is not a positive number")
     return value
+
+
+def count_from(least: int) -> Callable[[str], str]:
+    """A check of what is used as `count_of`: typer knows no type `int | "auto"`."""
+
+    def check(text: str) -> str:
+        if text != "auto" and not (text.isdecimal() and int(text) >= least):
+            raise typer.BadParameter(f"{text!r} is neither a number of at least {least} nor 'auto'")
+        return text
+
+    return check
+
+
+def count_of(text: str) -> int | Literal["auto"]:
+    return "auto" if text == "auto" else int(text)
 
 
 def scale(text: str) -> str:
@@ -79,12 +95,21 @@ def _are_numbers(words: list[str]) -> bool:
     return all(map(is_number, words))
 
 
-_SAMPLE_SIZE = "Rows in each sample."
+_SAMPLE_SIZE = "Rows in each; with 'auto' more where inliers are few."
+_COUNT = "auto|INTEGER"
 _CAMERA = f"As in COLMAP's cameras.txt ('{_A_CAMERA}'), or fx,fy,cx,cy, or a file of K (three lines of three numbers)"
 
-Samples = Annotated[int, typer.Option(min=1, help="Draw at most this many samples.")]
-SampleSizeOf3 = Annotated[int, typer.Option("--sample-size", min=3, help=_SAMPLE_SIZE)]
-SampleSizeOf5 = Annotated[int, typer.Option("--sample-size", min=5, help=_SAMPLE_SIZE)]
+Samples = Annotated[
+    str,
+    typer.Option(callback=count_from(1), metavar=_COUNT, help="Number of samples; with 'auto' as many as it takes."),
+]
+SampleSizeOf3 = Annotated[str, typer.Option("--sample-size", callback=count_from(3), metavar=_COUNT, help=_SAMPLE_SIZE)]
+SampleSizeOf5 = Annotated[str, typer.Option("--sample-size", callback=count_from(5), metavar=_COUNT, help=_SAMPLE_SIZE)]
+MaxSamples = Annotated[int, typer.Option(min=1, help="Where --samples auto gives up.")]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(callback=positive, metavar="SECONDS", help="Begin no further sample after this time."),
+]
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same answer.")]
 Workers = Annotated[int | None, typer.Option(min=1, show_default="all cores", help="Number of threads.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no notes; warnings and errors remain.")]
@@ -102,8 +127,8 @@ PoseNoise = Annotated[
     float | None,
     typer.Option(
         callback=positive,
-        show_default="0.5 where there is a camera",
-        help="Standard deviation of a right match, in pixels; without a camera in normalised coordinates, and needed.",
+        show_default="measured",
+        help="Standard deviation of a right match, in pixels; without a camera in normalised coordinates.",
     ),
 ]
 Camera1 = Annotated[

@@ -11,9 +11,9 @@ from nonsac.cli.drawings import drawing_of_pair, drawing_of_points
 from nonsac.cli.inputs import (
     blaming,
     check_geometry,
-    check_noise,
     check_pair,
     check_points,
+    check_unit,
     choose_camera,
     choose_cameras,
     image_of,
@@ -28,6 +28,7 @@ from nonsac.cli.options import (
     Camera1,
     Camera2,
     Inliers,
+    MaxSamples,
     OneCamera,
     Photo,
     PoseNoise,
@@ -36,8 +37,10 @@ from nonsac.cli.options import (
     SampleSizeOf3,
     SampleSizeOf5,
     Seed,
+    TimeLimit,
     Transform,
     Workers,
+    count_of,
 )
 from nonsac.cli.outputs import Outputs, exit_code, is_found, matrix_text, show
 from nonsac.cli.session import session
@@ -67,8 +70,10 @@ def relative_pose(
     camera1: Camera1 = None,
     camera2: Camera2 = None,
     noise: PoseNoise = None,
-    samples: Samples = 10,
-    sample_size: SampleSizeOf5 = 2000,
+    samples: Samples = "auto",
+    sample_size: SampleSizeOf5 = "auto",
+    max_samples: MaxSamples = 100,
+    time_limit: TimeLimit = None,
     seed: Seed = 0,
     workers: Workers = None,
     output: Transform = None,
@@ -110,7 +115,7 @@ def relative_pose(
 
         pair = read_pair(matches, second, images)
         cameras = choose_cameras((camera1, camera2), matches, pair)
-        check_noise(noise, cameras[0], "--camera1")
+        check_unit(pair.points1, noise, cameras[0], "--camera1")
         photo_of_1 = read_photo("--photo1", photo1, picture, cameras[0])
         photo_of_2 = read_photo("--photo2", photo2, picture, cameras[1])
         with blaming(matches):
@@ -120,8 +125,10 @@ def relative_pose(
                 *cameras,
                 noise=noise,
                 weights=pair.weights,
-                samples=samples,
-                sample_size=sample_size,
+                samples=count_of(samples),
+                sample_size=count_of(sample_size),
+                max_samples=max_samples,
+                time_limit=time_limit,
                 workers=workers,
                 rng=seed,
                 progress=progress,
@@ -149,8 +156,10 @@ def absolute_pose(
     ] = None,
     camera: OneCamera = None,
     noise: PoseNoise = None,
-    samples: Samples = 10,
-    sample_size: SampleSizeOf3 = 2000,
+    samples: Samples = "auto",
+    sample_size: SampleSizeOf3 = "auto",
+    max_samples: MaxSamples = 100,
+    time_limit: TimeLimit = None,
     seed: Seed = 0,
     workers: Workers = None,
     output: Transform = None,
@@ -177,7 +186,7 @@ def absolute_pose(
 
         matches = read_points(points, image)
         chosen = choose_camera(camera, points, "camera", matches.camera)
-        check_noise(noise, chosen, "--camera")
+        check_unit(matches.points2d, noise, chosen, "--camera")
         background = read_photo("--photo", photo, picture, chosen)
         with blaming(points):
             result = poses.absolute_pose(
@@ -186,8 +195,10 @@ def absolute_pose(
                 chosen,
                 noise=noise,
                 weights=matches.weights,
-                samples=samples,
-                sample_size=sample_size,
+                samples=count_of(samples),
+                sample_size=count_of(sample_size),
+                max_samples=max_samples,
+                time_limit=time_limit,
                 workers=workers,
                 rng=seed,
                 progress=progress,
@@ -207,7 +218,6 @@ def absolute_pose(
 
 def _described(result: Result, cameras: dict[str, Camera | None], what: str) -> str:
     lines = [repr(result)]
-    lines += [f"  remark: {remark}" for remark in result.info.get("remarks", ())]
     lines += [f"{name}: {camera or 'none, the points are normalised'}" for name, camera in cameras.items()]
     return "\n".join([*lines, f"{what}:", matrix_text(result)] if is_found(result) else lines)
 

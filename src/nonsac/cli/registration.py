@@ -11,12 +11,15 @@ from nonsac.cli.messages import tell, wrote
 from nonsac.cli.options import (
     AsJson,
     Inliers,
+    MaxSamples,
     Quiet,
     Samples,
     SampleSizeOf3,
     Seed,
+    TimeLimit,
     Transform,
     Workers,
+    count_of,
     positive,
     scale_of,
 )
@@ -45,8 +48,8 @@ def register_clouds(
         Path, typer.Argument(metavar="SOURCE", help="Cloud to move (.ply, .pcd, .xyz, .npy, .las, ...).")
     ],
     target: Annotated[Path, typer.Argument(metavar="TARGET", help="Cloud that stays.")],
-    samples: Samples = 40,
-    sample_size: SampleSizeOf3 = 2000,
+    samples: Annotated[int, typer.Option(min=1, help="Draw at most this many samples.")] = 40,
+    sample_size: Annotated[int, typer.Option(min=3, help="Rows in each sample.")] = 2000,
     seed: Seed = 0,
     workers: Workers = None,
     output: Transform = None,
@@ -77,18 +80,25 @@ def register_pairs(
         Path,
         typer.Argument(metavar="PAIRS", help="Matched points, six numbers a row; or the source, if SECOND is given."),
     ],
-    noise: Annotated[
-        float, typer.Option(callback=positive, help="Standard deviation of a right match, in the unit of the data.")
-    ],
     second: Annotated[
         Path | None, typer.Argument(metavar="SECOND", show_default=False, help="The target, matched row by row.")
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive,
+            show_default="measured",
+            help="Standard deviation of a right match, in the unit of the data.",
+        ),
     ] = None,
     scale: Annotated[
         str,
         typer.Option(callback=check_scale, metavar="free|FLOAT", help="Scale of T: known, or 'free' to estimate it."),
     ] = "1",
-    samples: Samples = 10,
-    sample_size: SampleSizeOf3 = 2000,
+    samples: Samples = "auto",
+    sample_size: SampleSizeOf3 = "auto",
+    max_samples: MaxSamples = 100,
+    time_limit: TimeLimit = None,
     seed: Seed = 0,
     workers: Workers = None,
     output: Transform = None,
@@ -113,8 +123,10 @@ def register_pairs(
             *points,
             noise=noise,
             scale=scale_of(scale),
-            samples=samples,
-            sample_size=sample_size,
+            samples=count_of(samples),
+            sample_size=count_of(sample_size),
+            max_samples=max_samples,
+            time_limit=time_limit,
             workers=workers,
             rng=seed,
             progress=progress,

@@ -14,7 +14,16 @@ from nonsac.problems.relative_pose import RelativePose
 from nonsac.problems.simpler import Simpler
 from nonsac.problems.weighted import Weighted
 
-__all__ = ["AbsolutePose", "OrientedRegistration", "Problem", "Registration", "RelativePose", "Simpler", "Weighted"]
+__all__ = [
+    "AbsolutePose",
+    "OrientedRegistration",
+    "Problem",
+    "Registration",
+    "RelativePose",
+    "Simpler",
+    "Weighted",
+    "residual_dimension",
+]
 
 Array = NDArray[np.float64]
 
@@ -70,3 +79,8 @@ class Problem(Protocol):
     def distance(self, a: Array, b: Array) -> Array:
         """How different two models are, in degrees; broadcasts over leading axes."""
         ...
+
+
+def residual_dimension(problem: Problem) -> int:
+    """How many independent errors of the same noise a residual is the length of."""
+    return getattr(problem, "residual_dimension", 1)
