@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
 from nonsac.fitting import biweight_costs, reweighted_fit
+from nonsac.mixture import mixture_fit
 from nonsac.noise import measured_noise
 from nonsac.problems import Problem, residual_dimension
-from nonsac.result import Alternative, Array, Hypothesis, Status, threshold_of
-from nonsac.verdict import Residuals, judge_rows
+from nonsac.result import Alternative, Array, Hypothesis, Status, homogeneous
+from nonsac.verdict import Residuals, Verdict, judge_rows
 
-_LARGER = 1.5
+_NEARLY = 0.98
+_RIVAL_ROWS, _NEARLY_AS_MUCH = 20_000, 0.8
 _VERY_DIFFERENT = 3.0
 
 
@@ -107,13 +109,19 @@ class UnionRefit:
         best = self._best_twin(problem, self._converged(problem, best, rows, threshold), rows, threshold)
         more = union(self.polish_rows)
         if len(more) > len(rows):
-            best = self._converged(problem, best, more, threshold)
-        residuals = Residuals.of(problem, best, more)
-        noise = measured_noise(residuals, threshold, residual_dimension(problem))
-        if threshold_of(noise) < threshold / _LARGER:  # rows between the two are no inliers, and only disturb
-            best = self._converged(problem, best, more, max(threshold_of(noise), 1e-3 * threshold))
-            residuals = Residuals.of(problem, best, more)
-        return judged(problem, hypotheses, best, more, threshold, self.known_noise, residuals)
+            best = reweighted_fit(problem, best, more, threshold, self.iterations)
+        best = self._finished(problem, best, more, threshold)
+        return judged(problem, hypotheses, best, more, threshold, self.known_noise)
+
+    def _finished(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
+        """The model after a last fit, at the noise that its inliers show; as it was, where they lose by that."""
+        residuals = Residuals.of(problem, model, rows)
+        noise = min(measured_noise(residuals, threshold, residual_dimension(problem)), threshold / 5.0)
+        if not noise > 0.0:
+            return model
+        fitted = mixture_fit(problem, model, rows, residuals, noise)
+        support = len(rows) - biweight_costs(problem, np.stack([model, fitted]), rows, threshold)
+        return fitted if support[1] > _NEARLY * support[0] else model
 
     def _best_twin(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
         """The model, or one of those that a special case of the data allows besides, whichever fits best."""
@@ -164,12 +172,13 @@ def judged(
     rows: Array,
     threshold: float,
     known_noise: bool = True,
-    residuals: Residuals | None = None,
 ) -> Refinement:
     """A model with its inliers among `rows`, what their noise is, and the verdict on it."""
     tested = sum(h.tested for h in hypotheses)
-    residuals = residuals or Residuals.of(problem, model, rows)
+    residuals = Residuals.of(problem, model, rows)
     verdict = judge_rows(problem, model, rows, threshold, tested, known_noise, residuals)
+    if verdict.status is Status.OK:
+        verdict = _beside_rival(problem, hypotheses, residuals, rows, threshold, verdict)
     noise = measured_noise(residuals, threshold, residual_dimension(problem))
     inliers = rows[residuals.of_rows < threshold]
     trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
@@ -187,6 +196,39 @@ def judged(
         measured_noise=noise,
         remarks=(*verdict.remarks, *(_on_noise(5.0 * noise / threshold) if trusted or verdict.remarks else ())),
     )
+
+
+def _beside_rival(
+    problem: Problem,
+    hypotheses: Sequence[Hypothesis],
+    residuals: Residuals,
+    rows: Array,
+    threshold: float,
+    verdict: Verdict,
+) -> Verdict:
+    """The verdict in view of the best other answer, which must explain rows that this one does not, beyond chance.
+
+    Another motion of the same scene is one. Where it has nearly as much support, nothing tells which is meant.
+    """
+    explained = residuals.of_rows < threshold
+    rest = rows[~explained]
+    some = rest[:: max(1, len(rest) // _RIVAL_ROWS)]
+    models = np.stack([h.model for h in hypotheses if h.found])
+    if len(some) <= problem.minimal_size:
+        return verdict
+    first = models[int(np.argmin(biweight_costs(problem, models, some, threshold)))]
+    rival = reweighted_fit(problem, first, some, threshold, 20)
+    if np.median(problem.residuals(rival[None], rows[explained])[0]) < 3.0 * threshold:
+        return verdict  # the same answer, and inliers beyond the threshold
+    tested = sum(h.tested for h in hypotheses)
+    of_rival = Residuals.of(problem, rival, some)
+    if judge_rows(problem, rival, some, threshold, tested, residuals=of_rival).status is not Status.OK:
+        return verdict
+    share = of_rival.support(threshold) * len(rest) / len(rows)
+    alternatives = (*verdict.alternatives, Alternative(homogeneous(rival), share))
+    if share < _NEARLY_AS_MUCH * residuals.support(threshold):
+        return replace(verdict, alternatives=alternatives)
+    return replace(verdict, status=Status.AMBIGUOUS, confidence=min(verdict.confidence, 0.5), alternatives=alternatives)
 
 
 def _on_noise(ratio: float) -> tuple[str, ...]:

@@ -35,6 +35,10 @@ class Residuals:
     def of(cls, problem: Problem, model: Array, rows: Array) -> Residuals:
         return cls(problem.residuals(model[None], rows)[0], chance_residuals(problem, model, rows))
 
+    def support(self, threshold: float) -> float:
+        """Share of the rows that are inliers beyond chance."""
+        return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.by_chance, threshold)
+
 
 def judge_rows(
     problem: Problem,
@@ -73,8 +77,7 @@ def judge_rows(
     confidence = 1.0 - float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE)))
     if chance >= _LARGEST_CHANCE:
         return Verdict(Status.LOW_SUPPORT, confidence)
-    support = (len(inliers) - len(rows) * rate) / len(rows)
-    whole = _certainty_of_search(support, tested, problem.minimal_size)
+    whole = _certainty_of_search(residuals.support(threshold), tested, problem.minimal_size)
     if known_noise:
         whole = max(whole, _certainty_of_spread(residuals, threshold, residual_dimension(problem)))
     confidence = min(confidence, whole)
@@ -159,11 +162,15 @@ def chance_residuals(problem: Problem, model: Array, rows: Array) -> Array:
 
 
 def paired_at_random(problem: Problem, rows: Array, size: int) -> Array:
-    """So many rows of two halves from different rows: the marginal distributions without the matches."""
+    """So many rows of two halves from different rows: the marginal distributions without the matches.
+
+    With each pair there is that of the other two halves, so that nothing changes where the halves change places.
+    """
     n = len(rows)
     rng = np.random.default_rng(n)
-    first = rng.integers(n, size=size)
-    second = (first + rng.integers(1, n, size=size)) % n
+    first = rng.integers(n, size=size // 2)
+    second = (first + rng.integers(1, n, size=size // 2)) % n
+    first, second = np.concatenate([first, second]), np.concatenate([second, first])
     return np.hstack([rows[first, : problem.split], rows[second, problem.split :]])
 
 
