@@ -18,6 +18,7 @@ from typing import Any
 import cloud_methods
 import pairs
 import pose_methods
+import work
 from common import RESULTS
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
@@ -60,6 +61,7 @@ def body() -> str:
         "clouds": clouds,
         "pairs": pairs_section,
         "poses": poses,
+        "work": work_section,
         "kernels": kernels,
     }
     files = [json.loads(path.read_text()) for path in sorted(RESULTS.glob("*.json"))]
@@ -201,6 +203,40 @@ POSE_TABLES: dict[str, Callable[[Sequence[Row]], str]] = {
     "large": large_table,
     "outliers": outlier_table,
 }
+
+
+def work_section(file: Row) -> str:
+    header = [
+        "problem",
+        "outliers",
+        "method",
+        "mAA(1..10)",
+        "median error",
+        "false claims",
+        "silent",
+        "samples",
+        "time",
+    ]
+    lines = [
+        [
+            row["problem"],
+            f"{row['outlier_ratio']:.1%}",
+            work.METHODS[row["method"]][0],
+            f"{row['mean_average_accuracy']:.3f}",
+            f"{row['median_degrees']:.3f}°",
+            NONE if row["false_claims"] is None else str(row["false_claims"]),
+            NONE if row["silent"] is None else str(row["silent"]),
+            f"{row['mean_samples']:.1f}",
+            f"{row['median_milliseconds']:.0f} ms",
+        ]
+        for row in file["results"]
+    ]
+    trials = file["results"][0]["trials"]
+    intro = (
+        f"## As many samples as it takes\n\nSimulated as in the paper, {trials} trials each: 10,000 matches with a "
+        "standard deviation of 0.0025 (relative pose) and 0.01 (PnP), 20,000 pairs with 0.01.\n"
+    )
+    return "\n".join([intro, table(header, lines), origin(file)])
 
 
 def kernels(file: Row) -> str:

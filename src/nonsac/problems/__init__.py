@@ -22,7 +22,6 @@ __all__ = [
     "RelativePose",
     "Simpler",
     "Weighted",
-    "residual_dimension",
 ]
 
 Array = NDArray[np.float64]
