@@ -83,3 +83,15 @@ def test_there_are_always_ticks_to_read(limits):
 def test_pieces_render(axes):
     studies.against_time(axes, {"a": [(0.1, 2.0, "10")]}, {"a": "black"})
     assert render(axes.figure, ".png").startswith(b"\x89PNG")
+
+
+def test_reliability_has_each_bin_in_its_place_and_leaves_empty_ones_out(axes):
+    bins = [(1200, 0.2, 0.1, 0.05, 0.15), (0, 0.0, 0.0, 0.0, 0.0), (7, 0.95, 0.8, 0.6, 0.9)]
+    studies.reliability(axes, (0.0, 0.5, 0.9, 1.0), bins, "#ff0000")
+    assert [tuple(np.ravel(line.get_xydata())) for line in axes.lines] == [(0, 0.1), (2, 0.8)]
+    drawn = [tuple(np.ravel(points)) for lines in axes.collections for points in lines.get_segments()]
+    means, intervals = [(-0.5, 0.2, 0.5, 0.2), (1.5, 0.95, 2.5, 0.95)], [(0, 0.05, 0, 0.15), (2, 0.6, 2, 0.9)]
+    assert sorted(drawn) == sorted([*means, *intervals])
+    assert {text.xy[0]: text.get_text() for text in axes.texts} == {0: "1,200", 2: "7"}
+    assert list(axes.get_xticks()) == [-0.5, 0.5, 1.5, 2.5]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["0", "0.5", "0.9", "1"]

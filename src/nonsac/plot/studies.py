@@ -1,4 +1,4 @@
-"""Pieces of pictures for studies with many trials: heat maps, curves, boxes, error against time. Drawn into axes."""
+"""Pieces of pictures for studies with many trials: heat maps, curves, boxes, reliability. Drawn into axes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nonsac.plot.figures import BLUE, INK, ORANGE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["PALE", "against_time", "curves", "heat_map", "percentile_boxes"]
+__all__ = ["PALE", "against_time", "curves", "heat_map", "percentile_boxes", "reliability"]
 
 Colour = NDArray[np.float64] | str
 
@@ -119,6 +119,36 @@ def against_time(
     axes.margins(0.08, 0.12)
     _only_ticks(axes, "x", _ticks_between(axes.get_xlim()))
     _only_ticks(axes, "y", _ticks_between(axes.get_ylim()))
+    _plain(axes)
+
+
+def reliability(
+    axes: Axes, edges: Sequence[float], bins: Sequence[tuple[int, float, float, float, float]], colour: Colour
+) -> None:
+    """Draw how often answers are right, by their confidence; the bins are equally wide, and counts stand above them.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    edges : sequence of float
+        Confidences between the bins, and at both ends.
+    bins : sequence of (count, confidence, share, low, high)
+        Answers in the bin, their mean confidence, the share of right ones and an interval of it. Bins without any
+        answer stay empty.
+    colour : colour
+        Of the shares.
+    """
+    for place, (count, confidence, share, low, high) in enumerate(bins):
+        if count:
+            axes.hlines(confidence, place - 0.5, place + 0.5, color="#999999", linewidth=1.6, zorder=2)
+            axes.vlines(place, low, high, color=colour, linewidth=1.6, zorder=3)
+            axes.plot([place], [share], "o", color=colour, markersize=6, zorder=4)
+            axes.annotate(
+                f"{count:,}", (place, 1.0), (0, 10), textcoords="offset points", ha="center", fontsize=8, color=INK
+            )
+    axes.set_xlim(-0.5, len(bins) - 0.5)
+    axes.set_ylim(-0.04, 1.04)
+    axes.set_xticks(np.arange(len(edges)) - 0.5, [f"{edge:g}" for edge in edges], fontsize=8)
     _plain(axes)
 
 
