@@ -140,7 +140,7 @@ def simulated(study: Study, task: Task, ratios: Sequence[float], rng: np.random.
         experiment.refined,
         rows,
         noise=noise,
-        samples=study.samples,
+        max_samples=study.samples,
         sample_size=experiment.sample_size,
         rng=task.seed,
     )
@@ -170,9 +170,9 @@ def shuffled(study: Study, task: Task, rng: np.random.Generator) -> Case:
     folder, pattern, call = REAL_MATCHES[task.problem]
     files = sorted((study.data / folder).glob(pattern))
     path = files[task.seed % len(files)]
-    size = EXPERIMENTS[task.problem].sample_size
+    settings = {"max_samples": study.samples, "sample_size": EXPERIMENTS[task.problem].sample_size}
     with np.load(path) as matches:
-        estimate = partial(call, dict(matches), rng, samples=study.samples, sample_size=size, workers=1, rng=task.seed)
+        estimate = partial(call, dict(matches), rng, workers=1, rng=task.seed, **settings)
     return Case(path.stem, estimate, no_answer_is_right)
 
 
@@ -441,7 +441,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--data", type=Path, default=DATA, help="the folder of the real data")
     parser.add_argument("--seeds", type=int, default=1000, help="trials of each kind for given matches")
     parser.add_argument("--cloud-seeds", type=int, default=200, help="trials of each kind for raw clouds")
-    parser.add_argument("--samples", type=int, default=10)
+    parser.add_argument("--samples", type=int, default=10, help="at most so many samples of given matches")
     parser.add_argument("--workers", type=int, default=2, help="processes; they do not change the results")
     parser.add_argument("--journal", type=Path, help="keeps each outcome; a run that was stopped goes on there")
     parser.add_argument("--page", action="store_true", help="write the page and the picture only")
