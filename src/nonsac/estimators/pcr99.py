@@ -23,7 +23,8 @@ from nonsac.result import Array, Hypothesis
 _BATCH = 1000
 _PROMISING = 10  # one in so many rows goes on to a joint search
 
-Triplets = Iterator[NDArray[np.int64]]
+# Consistent triplets, and how many were drawn to find them.
+Triplets = Iterator[tuple[NDArray[np.int64], int]]
 
 
 @dataclass(frozen=True)
@@ -139,20 +140,23 @@ class Pcr99:
             model = reweighted_fit(problem, model, rows, threshold, 10)
         return Hypothesis(model, problem.residuals(model, rows)[0], threshold, tested=tested)
 
-    def _search(self, problem: Registration, rows: Array, threshold: float, drawn: Triplets) -> tuple[Array, int]:
-        """The model with the most inliers, and how many models were compared."""
-        best_model, best_count, valid = np.full((3, 4), np.nan), 0, 0
-        for triplets in drawn:
+    def _search(self, problem: Registration, rows: Array, threshold: float, batches: Triplets) -> tuple[Array, int]:
+        """The model with the most inliers, and how many triplets were looked at.
+
+        Those that are not consistent count, too: a model was chosen over them.
+        """
+        best_model, best_count, valid, looked_at = np.full((3, 4), np.nan), 0, 0, 0
+        for triplets, drawn in batches:
             models = problem.solve_minimal(rows[triplets])
             if len(models):
                 counts = problem.count_inliers(models, rows, threshold)
                 first = int(np.argmax(counts))
                 if counts[first] > best_count:
                     best_model, best_count = models[first], int(counts[first])
-            valid += len(triplets)
+            valid, looked_at = valid + len(triplets), looked_at + drawn
             if valid >= self.max_valid or (valid >= self.min_valid and self._enough(best_count, len(rows))):
                 break
-        return best_model, valid
+        return best_model, looked_at
 
     def _enough(self, inliers: int, rows: int) -> bool:
         return self.enough_inliers is not None and inliers >= max(9, self.enough_inliers * rows)
@@ -169,10 +173,9 @@ class Pcr99:
         columns = np.ascontiguousarray(columns[:, ranked])
         state = np.array([3, 0, 1, 0], np.int64)
         while True:
-            found = np.empty((min(_BATCH, self.max_valid), 3), np.int64)
+            found, before = np.empty((min(_BATCH, self.max_valid), 3), np.int64), state[3]
             count = ranked_triplets(columns, *screen, self.max_drawn, state, found)
-            if count:
-                yield ranked[found[:count]]
+            yield ranked[found[:count]], int(state[3] - before)
             if count < len(found):
                 return
 
@@ -187,8 +190,8 @@ class Pcr99:
             found = np.empty_like(batch)
             # A row drawn twice has no distance to itself and is screened out.
             count = screened_triplets(columns, batch, *screen, found)
-            for start in range(0, count, _BATCH):
-                yield found[start : min(start + _BATCH, count)]
+            for start in range(0, max(count, 1), _BATCH):
+                yield found[start : min(start + _BATCH, count)], len(batch) if start == 0 else 0
 
     def _consistent_counts(self, columns: Array, problem: Registration) -> NDArray[np.int32]:
         """With how many others each row is consistent."""
