@@ -11,15 +11,9 @@ from numpy.typing import NDArray
 from nonsac.kernels.p3p import p3p_poses
 from nonsac.kernels.pose_fit import fit_pose, reprojection_jacobian
 from nonsac.kernels.residuals import count_reprojection_inliers, reprojection_residuals
+from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
 from nonsac.problems.planar_target import plane_of_points, reflected_pose
-from nonsac.problems.pose import (
-    least_squares_covariance,
-    positive,
-    robust_covariance,
-    rotation_distance,
-    rotation_is_certain,
-    spread_out,
-)
+from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
 from nonsac.problems.registration import centre
 from nonsac.problems.simpler import Simpler
 
@@ -112,11 +106,7 @@ class AbsolutePose:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t."""
         residuals, jacobian = self._derivatives(model, inliers)
         centred = robust_covariance(residuals, jacobian, threshold)
-        # t = t_centred - exp([w]x) R origin, so d t = d t_centred + [R origin]x w
-        x, y, z = model[:, :3] @ centre(inliers)[2:]
-        transport = np.eye(6)
-        transport[3:, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-        return np.asarray(transport @ centred @ transport.T)
+        return at_origin(centred, model[:, :3] @ centre(inliers)[2:])
 
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from nonsac.kernels.kabsch import fit_each, fit_similarity
 from nonsac.kernels.residuals import count_registration_inliers, registration_residuals
+from nonsac.problems.covariance import at_origin, robust_covariance
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,17 @@ class Registration:
         spread = min(np.linalg.svd(half - half.mean(axis=0), compute_uv=False)[1] for half in halves)
         return bool(threshold / 5.0 < 0.17 * spread)
 
+    def covariance(self, model: Array, inliers: Array, threshold: float) -> Array:
+        """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t.
+
+        With a free scale (7, 7), with the logarithm of the scale last.
+        """
+        origin = centre(inliers)[:3]
+        moved = (inliers[:, :3] - origin) @ model[:, :3].T
+        residuals = moved - (inliers[:, 3:] - (model[:, :3] @ origin + model[:, 3]))
+        centred = robust_covariance(residuals, _slopes(moved, self.scale is None), threshold)
+        return at_origin(centred, model[:, :3] @ origin)
+
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees: 2 asin(|A - B|_F / sqrt 8) keeps its digits at small angles."""
         difference = _rotations(a) - _rotations(b)
@@ -85,6 +97,19 @@ def centre(rows: Array) -> Array:
     finite = some[np.isfinite(some).all(axis=1)]
     middle = len(finite) // 2
     return np.partition(finite, middle, axis=0)[middle] if len(finite) else np.zeros(rows.shape[1])
+
+
+def _slopes(moved: Array, free_scale: bool) -> Array:
+    """Derivatives (N, 3, 6 or 7) of the points s R a (N, 3) and t with respect to w, t and log s."""
+    slopes = np.zeros((len(moved), 3, 7 if free_scale else 6))
+    x, y, z = moved.T
+    slopes[:, 0, 1], slopes[:, 0, 2] = z, -y
+    slopes[:, 1, 0], slopes[:, 1, 2] = -z, x
+    slopes[:, 2, 0], slopes[:, 2, 1] = y, -x
+    slopes[:, :, 3:6] = np.eye(3)
+    if free_scale:
+        slopes[:, :, 6] = moved
+    return slopes
 
 
 def _rotations(models: Array) -> Array:

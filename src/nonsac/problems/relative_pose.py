@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 from nonsac.kernels.five_point import five_point_poses
 from nonsac.kernels.pose_fit import fit_pose, sampson_jacobian
 from nonsac.kernels.residuals import count_epipolar_inliers, epipolar_geometries, epipolar_residuals
-from nonsac.problems.pose import (
-    least_squares_covariance,
-    positive,
-    robust_covariance,
-    rotation_distance,
-    rotation_is_certain,
-    spread_out,
-)
+from nonsac.problems.covariance import least_squares_covariance, robust_covariance
+from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
 from nonsac.problems.simpler import Simpler
 from nonsac.problems.two_view import plane_of, pose_of_same_plane, rotation_of, transfer_errors
 
