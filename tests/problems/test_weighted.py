@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import naive
-from nonsac import AbsolutePose, Ransac, Registration, RelativePose, Weighted, simulate
+from nonsac import AbsolutePose, OrientedRegistration, Ransac, Registration, RelativePose, Weighted, simulate
 
 THRESHOLD = 0.05
 
@@ -62,7 +62,8 @@ def test_a_robust_fit_is_weighted_too(problem, rng):
 def test_has_what_the_problem_has_and_nothing_else():
     assert hasattr(Weighted(RelativePose()), "simpler_models")
     assert not hasattr(Weighted(Registration()), "simpler_models")
-    assert not hasattr(Weighted(Registration()), "covariance")
+    assert hasattr(Weighted(Registration()), "covariance")
+    assert not hasattr(Weighted(OrientedRegistration()), "covariance")
     assert not hasattr(Weighted(Registration()), "refit_robustly")
 
 
