@@ -150,12 +150,17 @@ class Result:
         One for each sample, with its score.
     alternatives : tuple of Alternative
         Clearly different answers, best first.
-    covariance : (6, 6) or (5, 5) float64, or None
-        Of an absolute pose: of the rotation vector w in radians, for which R becomes exp([w]x) R, and of t. Of a
-        relative pose: of w and of the direction of t, in two axes of its tangent plane (`pose_math.tangents`). From the
-        residuals themselves; too small by a factor of two or more with fewer than 20 rows or 80 % outliers. With points
-        far from the origin t depends on w, and its variance is large. None where nothing was found, and for
-        registrations.
+    covariance : (6, 6), (7, 7) or (5, 5) float64, or None
+        Of a rigid motion or an absolute pose: of the rotation vector w in radians, for which R becomes exp([w]x) R, and
+        of t. Where the scale was estimated, its logarithm is the seventh. Of a relative pose: of w and of the direction
+        of t, in two axes of its tangent plane (`pose_math.tangents`). With points far from the origin t depends on w,
+        and its variance is large. None where nothing was found, and for raw clouds.
+
+        It comes from the residuals themselves, whatever the noise was said to be. In simulations the mean of
+        e^T C^-1 e / p, of errors e of p parameters, is 0.85 to 1.15 from ten inliers on, and with up to 90 % outliers
+        from fifty on; 1 would be exact. Relative poses are the limit: 1.25 with 20 inliers and 90 % outliers, 1.3 with
+        200 inliers and 97 %, because a few outliers that fit by chance, where no inlier is, decide much. Infinite
+        where too few inliers are left to tell the noise (relative poses: seven or fewer).
     info : dict
         `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, `remarks` on special
         cases such as "planar", ...
