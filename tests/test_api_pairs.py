@@ -43,6 +43,8 @@ def test_recovers_planted_motions(outliers, seed):
     assert result.num_inliers == pytest.approx(inliers, rel=0.05, abs=25)
     assert result.confidence > 0.999999
     assert result.scale == pytest.approx(1.0)
+    errors = np.r_[Rotation.from_matrix(pairs.T[:3, :3] @ result.R.T).as_rotvec(), pairs.T[:3, 3] - result.t]
+    assert errors @ np.linalg.solve(result.covariance, errors) < 22.5  # a chance of one in a thousand
 
 
 @pytest.mark.parametrize("offset", [1e6, 1e7])
@@ -64,6 +66,7 @@ def test_a_free_scale_is_recovered(true_scale):
     result = register_pairs(pairs.source, pairs.target, noise=0.002 * true_scale, scale=None)
     assert result.success
     assert result.scale == pytest.approx(true_scale, rel=0.002)
+    assert abs(np.log(result.scale / true_scale)) < 4.0 * np.sqrt(result.covariance[6, 6])
     assert angle(result, pairs.T) < 0.2
 
 

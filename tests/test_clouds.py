@@ -61,6 +61,7 @@ class TestRegisterClouds:
         assert_right(result, T)
         assert 0.5 < result.inlier_ratio <= 1
         assert result.scale == pytest.approx(1.0, abs=1e-9)
+        assert result.covariance is None
 
     def test_swapping_inverts(self, scans):
         source, target, T = scans

@@ -184,6 +184,12 @@ def test_the_covariance_of_what_is_not_determined_is_not_finite(rng, problem):
         assert not np.isfinite(problem.covariance(model, rows, 0.1)).any()
 
 
+@BOTH
+def test_exact_rows_have_no_uncertainty(problem):
+    points = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0], [4.0, 4.0, 4.0]])
+    np.testing.assert_array_equal(problem.covariance(np.eye(3, 4), np.hstack([points, points]), 0.1), 0.0)
+
+
 # --- residuals of any kind --------------------------------------------------------------------------------------------
 
 

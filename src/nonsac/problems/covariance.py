@@ -60,11 +60,13 @@ def robust_covariance(residuals: Array, jacobian: Array, threshold: float) -> Ar
     bent = np.eye(p) - (gradients.T * bends) @ gradients
     even_spread = n / freedom * (weights**2 * ratios).sum() * threshold**2 / weights.sum()
     even_bent = max(1.0 - 4.0 / d * (share * ratios).sum() / weights.sum(), 0.05)
+    if not even_spread > 0.0:
+        return np.zeros((p, p))
 
     of_gradients, of_rows = squares / even_spread + 2.0 / even_bent * bends, weights * (1.0 - 2.0 / even_bent)
     difference = (gradients.T * of_gradients) @ gradients + (1.0 - 2.0 / even_bent) * np.eye(p)
-    by_chance = _sum_of_squares(jacobian, gradients, of_rows, of_gradients)
-    evenness = min(1.0, _CHANCE * by_chance / (difference**2).sum())
+    by_chance, observed = _sum_of_squares(jacobian, gradients, of_rows, of_gradients), (difference**2).sum()
+    evenness = _CHANCE * by_chance / observed if observed > _CHANCE * by_chance else 1.0
     spread += evenness * (even_spread * np.eye(p) - spread)
     bent += evenness * (even_bent * np.eye(p) - bent)
     values, axes = np.linalg.eigh(bent)
