@@ -16,6 +16,7 @@ from nonsac.result import Alternative, Array, Hypothesis, Status, homogeneous
 from nonsac.verdict import Residuals, Verdict, judge_rows
 
 _NEARLY = 0.98
+_COVARIANCE_ROWS = 5000
 _RIVAL_ROWS, _NEARLY_AS_MUCH = 20_000, 0.8
 _VERY_DIFFERENT = 3.0
 
@@ -183,8 +184,9 @@ def judged(
     inliers = rows[residuals.of_rows < threshold]
     trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
     covariance = None
-    if hasattr(problem, "covariance") and trusted:
-        covariance = problem.covariance(model, inliers, threshold)
+    if hasattr(problem, "covariance") and trusted:  # of some rows, as it falls with their number
+        some = inliers[:: max(1, len(inliers) // _COVARIANCE_ROWS)]
+        covariance = problem.covariance(model, some, threshold) * (len(some) / len(inliers))
     return Refinement(
         model,
         verdict.status,
