@@ -392,3 +392,42 @@ def test_repeated_pure_outliers_are_not_trusted(seed):
     rng = np.random.default_rng(seed)
     source, target = (np.repeat(rng.uniform(size=(400, 3)), 8, axis=0) for _ in range(2))
     assert not nonsac.register_pairs(source, target, noise=0.02, rng=seed).success
+
+
+# --- weights ----------------------------------------------------------------------------------------------------------
+
+
+def test_equal_weights_change_nothing():
+    pairs = simulate.registration(5000, 0.9, NOISE, rng=3)
+    plain = register_pairs(pairs.source, pairs.target, noise=NOISE)
+    weighted = register_pairs(pairs.source, pairs.target, noise=NOISE, weights=np.full(5000, 7.0))
+    assert plain.T.tobytes() == weighted.T.tobytes()
+
+
+def test_rows_without_weight_do_not_count(rng):
+    """Two motions, of which the one with more rows has hardly any weight."""
+    few, many = naive.random_model(rng), naive.random_model(rng)
+    rows = np.vstack([naive.matching_rows(rng, 300, few, NOISE), naive.matching_rows(rng, 700, many, NOISE)])
+    weights = np.repeat([1.0, 1e-3], [300, 700])
+    assert angle(register_pairs(rows[:, :3], rows[:, 3:], noise=NOISE, weights=weights), few) < 1.0
+    assert angle(register_pairs(rows[:, :3], rows[:, 3:], noise=NOISE), many) < 1.0
+
+
+def test_weights_that_tell_right_from_wrong_help():
+    right = np.zeros(2, int)
+    for seed in range(8):
+        pairs = simulate.registration(2000, 0.995, 0.02, rng=seed)
+        weights = np.where(pairs.inliers, 1.0, 0.2)
+        for with_weights in (True, False):
+            given = weights if with_weights else None
+            result = register_pairs(pairs.source, pairs.target, noise=0.02, weights=given)
+            right[int(with_weights)] += angle(result, pairs.T) < 5.0
+    assert right[0] <= 5
+    assert right[1] == 8
+
+
+@pytest.mark.parametrize("wrong", [np.ones(4999), -np.arange(5000), np.zeros(5000)])
+def test_wrong_weights_are_refused(wrong):
+    pairs = simulate.registration(5000, 0.9, NOISE, rng=3)
+    with pytest.raises(ValueError, match=r"^weights must"):
+        register_pairs(pairs.source, pairs.target, noise=NOISE, weights=wrong)

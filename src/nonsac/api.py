@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.arguments import points_argument, warn_dropped
+from nonsac.arguments import points_argument, warn_dropped, weights_argument
 from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner, coarse_overlap
 from nonsac.estimators import Estimator, OrientedPairs, Pcr99
 from nonsac.executors import Workers
 from nonsac.pipeline import Auto, Stopwatch, estimate
-from nonsac.problems import OrientedRegistration, Registration
+from nonsac.problems import OrientedRegistration, Problem, Registration, Weighted
 from nonsac.refine import Refiner
 from nonsac.result import VERSION, Array, Result, Status, failed
 from nonsac.sampling import canonical_seed
@@ -115,6 +115,7 @@ def register_pairs(
     *,
     noise: float | None = None,
     scale: float | None = 1.0,
+    weights: ArrayLike | None = None,
     samples: int | Auto = "auto",
     sample_size: int | Auto = "auto",
     max_samples: int = 100,
@@ -137,6 +138,8 @@ def register_pairs(
         with a residual below 5 `noise` are inliers.
     scale : float or None
         The known scale between the clouds, 1 for a rigid motion; None estimates it.
+    weights : (n,) array, optional
+        How much each match counts, not negative, in any unit.
     samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
         As in `nonsac.estimate`; the default estimator is the paper's variant of PCR-99 (Sec. 4.3), or the published
         one where the scale is free.
@@ -159,12 +162,16 @@ def register_pairs(
         )
     if estimator is None:
         estimator = Pcr99() if scale is None else Pcr99.for_pairs()
+    problem: Problem = Registration(scale)
     rows = np.hstack([a, b])
+    uneven = weights_argument(weights, len(rows))
+    if uneven is not None:
+        problem, rows = Weighted(problem), np.column_stack([rows, uneven])
     dropped = int(len(rows) - np.isfinite(rows).all(axis=1).sum())
     warn_dropped(dropped, len(rows), "pairs", stacklevel=3)
     result = estimate(
         ArraySource(rows),
-        Registration(scale),
+        problem,
         estimator,
         noise=noise,
         samples=samples,

@@ -9,14 +9,14 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.fitting import inlier_fit, reweighted_fit
+from nonsac.fitting import inlier_fit, reweighted_fit, row_weights
 from nonsac.kernels.consistency import (
     count_consistent_distances,
     count_consistent_ratios,
     ranked_triplets,
     screened_triplets,
 )
-from nonsac.problems import Problem, Registration
+from nonsac.problems import Problem, Registration, Weighted
 from nonsac.problems.registration import centre
 from nonsac.result import Array, Hypothesis
 
@@ -96,19 +96,24 @@ class Pcr99:
         return replace(self, max_drawn=self.max_drawn * factor)
 
     def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
-        if not isinstance(problem, Registration):
-            raise TypeError(f"Pcr99 estimates 3D registrations only, got {type(problem).__name__}")
-        if self.compare == "distance" and problem.scale is None:
+        weights = row_weights(problem, rows)
+        registration = problem.problem if isinstance(problem, Weighted) else problem
+        if not isinstance(registration, Registration):
+            raise TypeError(f"Pcr99 estimates 3D registrations only, got {type(registration).__name__}")
+        if self.compare == "distance" and registration.scale is None:
             raise ValueError('Pcr99 with compare="distance" needs a known scale; use compare="log_ratio"')
+        points = rows[:, : registration.width]
         # In units of the threshold, so that single precision serves any unit.
-        columns = np.ascontiguousarray((rows - centre(rows)).T / threshold)
-        counts = None if self.order == "random" else self._consistent_counts(columns, problem)
-        triplets = self._triplets(problem, columns, counts, rng)
+        columns = np.ascontiguousarray((points - centre(points)).T / threshold)
+        promise = None if self.order == "random" else self._consistent_counts(columns, registration).astype(np.float64)
+        if promise is not None and weights is not None:
+            promise *= weights
+        triplets = self._triplets(registration, columns, promise, rng)
         hypothesis = self._found(problem, rows, threshold, *self._search(problem, rows, threshold, triplets))
-        if counts is None:
+        if promise is None:
             return hypothesis
-        first = np.argsort(-counts, kind="stable")[: max(3, len(rows) // _PROMISING)]
-        return replace(hypothesis, promising=rows[first], promise=counts[first].astype(np.float64))
+        first = np.argsort(-promise, kind="stable")[: max(3, len(rows) // _PROMISING)]
+        return replace(hypothesis, promising=rows[first], promise=promise[first])
 
     def search_jointly(
         self,
@@ -140,7 +145,7 @@ class Pcr99:
             model = reweighted_fit(problem, model, rows, threshold, 10)
         return Hypothesis(model, problem.residuals(model, rows)[0], threshold, tested=tested)
 
-    def _search(self, problem: Registration, rows: Array, threshold: float, batches: Triplets) -> tuple[Array, int]:
+    def _search(self, problem: Problem, rows: Array, threshold: float, batches: Triplets) -> tuple[Array, int]:
         """The model with the most inliers, and how many triplets were looked at.
 
         Those that are not consistent count, too: a model was chosen over them.
@@ -162,14 +167,14 @@ class Pcr99:
         return self.enough_inliers is not None and inliers >= max(9, self.enough_inliers * rows)
 
     def _triplets(
-        self, problem: Registration, columns: Array, counts: NDArray[np.int32] | None, rng: np.random.Generator
+        self, problem: Registration, columns: Array, promise: Array | None, rng: np.random.Generator
     ) -> Triplets:
         """Batches of consistent triplets of row numbers, (T, 3) each, in the order in which they are drawn."""
         screen = (self.compare == "log_ratio", problem.scale is not None, problem.scale or 1.0, self.tolerance)
-        if counts is None:
+        if promise is None:
             yield from self._random_triplets(columns, screen, rng)
             return
-        ranked = np.argsort(-counts, kind="stable")
+        ranked = np.argsort(-promise, kind="stable")
         columns = np.ascontiguousarray(columns[:, ranked])
         state = np.array([3, 0, 1, 0], np.int64)
         while True:
