@@ -258,9 +258,9 @@ def grid_section(file: Row) -> str:
     ]
     trials = file["results"][0]["trials"]
     intro = (
-        f"## The grid of Table 2 with up to 300 samples\n\n{trials} trials a problem, over all 18 cells, against 30 given "
-        "samples of the same data. The error is the median, over right answers, of its ratio to that of least squares on "
-        "the true inliers of the same rows.\n"
+        f"## The grid of Table 2 with up to 300 samples\n\n{trials} trials a problem, over all 18 cells, against 30 "
+        "given samples of the same data. The error is the median, over right answers, of its ratio to that of least "
+        "squares on the true inliers of the same rows.\n"
     )
     return "\n".join([intro, table(header, lines), origin(file)])
 

@@ -1,3 +1,5 @@
+import time
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from nonsac import Pcr99, Ransac, absolute_pose, register_pairs, relative_pose, 
 from nonsac.evaluation import rotation_error
 from nonsac.noise import guessed_noise, measured_noise
 from nonsac.problems import AbsolutePose, Registration, RelativePose, residual_dimension
+from nonsac.result import Status
 from nonsac.verdict import Residuals
 
 RANSAC = Ransac(5000, confidence=0.9999, local_optimisation=True, least_iterations=500)
@@ -57,9 +60,45 @@ def test_the_noise_is_guessed_before_there_is_a_model(rng, name, noise):
     assert guessed_noise(problem, estimator, rows, rng) == pytest.approx(noise, rel=0.25)
 
 
-def test_rows_that_determine_nothing_give_no_guess(rng):
-    assert np.isnan(guessed_noise(Registration(), Pcr99.for_pairs(), np.ones((100, 6)), rng))
-    assert np.isnan(guessed_noise(Registration(), Pcr99.for_pairs(), np.ones((2, 6)), rng))
+def test_rows_that_determine_nothing_still_get_a_guess(rng):
+    for rows in (np.ones((100, 6)), np.ones((2, 6)), rng.random((1, 6)), np.empty((0, 6))):
+        assert guessed_noise(Registration(), Pcr99.for_pairs(), rows, rng) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("rows", "status"),
+    [
+        (np.ones((100, 6)), Status.DEGENERATE),
+        (np.linspace(0, 1, 100)[:, None] * np.ones(6), Status.DEGENERATE),
+        (np.full((100, 6), np.nan), Status.TOO_FEW),
+    ],
+    ids=["equal", "collinear", "nan"],
+)
+@pytest.mark.filterwarnings("ignore:dropped")
+def test_the_status_is_that_with_a_noise(rows, status):
+    for noise in (None, 0.01):
+        assert register_pairs(rows[:, :3], rows[:, 3:], noise=noise).status is status
+
+
+@pytest.mark.filterwarnings("ignore:dropped")
+def test_a_first_sample_without_finite_rows_does_not_end_the_search(rng):
+    pairs = simulate.registration(3000, 0.5, 0.01, rng)
+    source = pairs.source.copy()
+    source[rng.permutation(3000)[:2000]] = np.nan
+    for seed in range(3):
+        assert register_pairs(source, pairs.target, sample_size=60, rng=seed).success
+
+
+def test_a_time_limit_keeps_what_was_found(rng):
+    pairs = simulate.registration(20_000, 0.98, 0.02, rng)
+    counts = []
+
+    def slow(done, _):
+        counts.append(done)
+        time.sleep(0.05)
+
+    result = register_pairs(pairs.source, pairs.target, time_limit=1.0, progress=slow)
+    assert len(result.hypotheses) >= max(1, max(counts) // 2)
 
 
 @pytest.mark.parametrize("name", CALLS)

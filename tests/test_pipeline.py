@@ -373,6 +373,16 @@ def test_automatic_samples_of_all_rows_are_one_with_ten_times_the_budget():
     assert [call["budget"] for call in estimator.calls] == [10]
 
 
+def test_automatic_samples_end_after_ten_passes():
+    judge = Judge(NOTHING)
+    run(shifted_rows(100), samples="auto", max_samples=10**6, sample_size=40, refine=judge)
+    assert judge.asked[-1] == 25
+
+
+def test_a_time_limit_after_the_last_sample_is_none():
+    assert run(samples=1, time_limit=1e-9, refine=Judge(NOTHING)).status is Status.LOW_SUPPORT
+
+
 def test_the_time_limit_ends_the_search():
     result = run(samples="auto", max_samples=10**6, time_limit=1e-9, refine=Judge(NOTHING))
     assert result.status is Status.TIME_LIMIT
@@ -489,11 +499,11 @@ def test_an_error_in_the_estimator_reaches_the_caller():
     ("name", "wrong"),
     [
         *(("noise", x) for x in (0, -1.0, math.nan, math.inf, "0.1", [0.1, 0.2])),
-        *(("samples", x) for x in (0, -3, 2.5, "3", None)),
+        *(("samples", x) for x in (0, -3, 2.5, "3", None, 10**20)),
         *(("sample_size", x) for x in (0, -1, 10.5, "10", None)),
         *(("rule", x) for x in ("best", "tlp_", 3)),
         *(("refine", x) for x in ("icp", "", 3)),
-        *(("max_samples", x) for x in (0, 1.5, "auto", None)),
+        *(("max_samples", x) for x in (0, 1.5, "auto", None, 10**15)),
         *(("time_limit", x) for x in (0, -1.0, "1", math.nan)),
         *(("workers", x) for x in (0, -1, 1.5, "all")),
         *(("rng", x) for x in (-1, 0.5, "seed")),

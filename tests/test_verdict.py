@@ -4,7 +4,7 @@ from scipy.stats import binom
 
 import naive
 from nonsac import verdict as verdicts
-from nonsac.problems import Registration
+from nonsac.problems import Registration, Weighted
 from nonsac.result import Status
 from nonsac.verdict import Residuals, chance_residuals, judge_overlap, judge_rows
 
@@ -203,3 +203,31 @@ def test_the_share_within_two_sigma_is_that_of_a_chi_distribution(rng, dimension
     bound = share**4
     at_bound = np.where(np.arange(20_000) < bound * 20_000, 0.1, 0.9)
     assert verdicts._certainty_of_spread(Residuals(at_bound, by_chance), 1.0, dimension) == pytest.approx(0.5, abs=0.15)
+
+
+# --- rows that are no independent evidence ----------------------------------------------------------------------------
+
+
+def few_targets(rng):
+    """Four targets that twelve sources each are matched to, and random pairs."""
+    rotation = naive.random_model(rng, spread=0.0)
+    targets = np.repeat(rng.standard_normal((4, 3)), 12, axis=0)
+    sources = targets @ rotation[:, :3] + 0.003 * rng.standard_normal(targets.shape)
+    noise = rng.standard_normal((50, 6))
+    return rotation, np.vstack([np.hstack([sources, targets]), noise])
+
+
+def test_weights_do_not_make_rows_distinct(rng):
+    model, rows = few_targets(rng)
+    weighted = np.column_stack([rows, 1.0 + 1e-6 * rng.random(len(rows))])
+    assert judge_rows(Registration(), model, rows, 0.05, 1000).status is Status.LOW_SUPPORT
+    assert judge_rows(Weighted(Registration()), model, weighted, 0.05, 1000).status is Status.LOW_SUPPORT
+
+
+@pytest.mark.parametrize("copies", [2, 10])
+def test_copies_of_all_rows_change_little(copies):
+    model, rows = scene(5, n=60, right=18)
+    once = judge(model, rows)
+    again = judge(model, np.tile(rows, (copies, 1)))
+    assert once.status is again.status is Status.OK
+    assert again.confidence == pytest.approx(once.confidence, abs=0.02)

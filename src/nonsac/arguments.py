@@ -33,16 +33,17 @@ def weights_argument(weights: ArrayLike | None, rows: int) -> Array | None:
     if weights is None:
         return None
     array = np.asarray(weights)
-    if array.dtype.kind not in "fiu":
+    if array.dtype.kind not in "fiub":
         raise TypeError(f"weights must be real numbers (n,), got dtype {array.dtype}")
     if array.shape != (rows,):
         raise ValueError(f"weights must have one number for each match ({rows},), got shape {array.shape}")
+    array = array.astype(np.float64)
     finite = array[np.isfinite(array)]
     if (finite < 0).any():
         raise ValueError(f"weights must not be negative, got {finite.min():g}")
     if rows and not (finite > 0).any():
         raise ValueError("weights must not all be zero")
-    return None if rows == 0 or (array == array[0]).all() else np.asarray(array, np.float64)
+    return None if rows == 0 or (array == array[0]).all() else array
 
 
 def warn_dropped(dropped: int, total: int, what: str, stacklevel: int) -> None:

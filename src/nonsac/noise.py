@@ -14,6 +14,7 @@ __all__ = ["guessed_noise", "measured_noise"]
 
 _RUNGS = 4.0 ** -np.arange(1.0, 7.0)  # thresholds, as shares of the residuals of wrong rows
 _MODELS = 50
+_FALLBACK_SHARE = 0.01
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _WINDOWS = 12
 
@@ -49,11 +50,13 @@ def guessed_noise(problem: Problem, estimator: Estimator, rows: Array, rng: np.r
 
     Thresholds from a quarter of the residuals of wrong rows downwards are tried, each with an estimate of its
     own; the number of inliers is compared with that among the same rows paired at random (Moisan and Stival, IJCV
-    2004). NaN where no estimate is found.
+    2004). Where no estimate means anything, a hundredth of those residuals, or 1 where the rows have no extent.
     """
     unit = _residuals_of_wrong_rows(problem, rows, rng)
-    best, least = float("nan"), 0.0
-    for threshold in unit * _RUNGS if np.isfinite(unit) and unit > 0.0 else ():
+    if not (np.isfinite(unit) and unit > 0.0):
+        return 1.0
+    best, least = _FALLBACK_SHARE * unit, 0.0
+    for threshold in unit * _RUNGS:
         hypothesis = estimator.estimate(problem, rows, float(threshold), rng)
         if not hypothesis.found:
             continue
@@ -62,6 +65,8 @@ def guessed_noise(problem: Problem, estimator: Estimator, rows: Array, rng: np.r
         meaning = _log_chance(hypothesis.num_inliers - problem.minimal_size, len(rows), rate)
         if meaning < least:
             best, least = measured_noise(residuals, float(threshold), residual_dimension(problem)), meaning
+            if not np.isfinite(best):
+                best = float(threshold) / 5.0
     return max(best, _LEAST_SHARE * unit)
 
 

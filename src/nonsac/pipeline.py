@@ -30,7 +30,9 @@ _FIRST_SIZE, _LARGEST_SIZE = 2000, 16_000
 _LEAST_INLIERS = 20  # in a sample: I_min of the paper's rule N >= I_min / P_min
 _ALL_ROWS_BUDGET = 10
 _CLEAR = 0.99
-_MOST_REPETITIONS, _SAME_NOISE = 3, 1.25
+_MOST_REPETITIONS, _SAME_NOISE, _SAMPLES_FOR_NOISE = 3, 1.25, 3
+_MOST_PASSES = 10
+_MOST_SAMPLES = 10**6
 _ENOUGH_FOR_SPECIAL_CASES = 8
 
 
@@ -70,7 +72,8 @@ def estimate(
         trusted. A given one that is off by a factor of three is remarked on in `info`.
     samples : "auto" or int
         The paper's m. "auto" draws two samples, then as many again, and so on, until the answer is clear (a confidence
-        of 0.99) or `max_samples` are drawn. Samples do not overlap until every row has been drawn.
+        of 0.99), `max_samples` are drawn, or ten times as many rows as there are. Samples do not overlap until fewer
+        rows than a sample needs are left; then all rows are drawn anew.
     sample_size : "auto" or int
         The paper's N. "auto" takes 2,000 rows, and more in later rounds where the inliers seen so far are so few that
         such a sample holds less than 20 of them (the paper's N >= I_min / P_min), at most 16,000. Where all rows fit
@@ -78,8 +81,8 @@ def estimate(
     max_samples : int
         Where samples="auto" gives up.
     time_limit : float, optional
-        Seconds after which no further sample is begun. Without a trusted answer by then the status is `TIME_LIMIT`.
-        The same input may then give another answer.
+        Seconds after which no further sample is begun; one that has begun is finished. Where that left samples undrawn
+        and no answer is supported, the status is `TIME_LIMIT`. The same input may then give another answer.
     rule : str or ScoringRule
         How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object. It decides the answer with
         refine="none"; refiners that compare all hypotheses anew, as "union" does, overrule it.
@@ -114,6 +117,8 @@ def estimate(
     if size >= len(source) and most > 1:  # every sample would be all rows: one, with the budget of all
         planned = planned.with_budget(min(most, _ALL_ROWS_BUDGET) if automatic else most)
         most = 1
+    elif automatic:
+        most = min(most, max(_FIRST_ROUND, _MOST_PASSES * len(source) // size))
     deadline = None if time_limit is None else time.perf_counter() + time_limit
     task = SampleTask(source, problem, planned, float("nan"), size, canonical_seed(rng))
     method = Method(
@@ -150,9 +155,11 @@ class Method:
             if search.ended or _is_settled(refinement, len(search.hypotheses)):
                 break
             if self.automatic_size:
-                search.task = replace(search.task, sample_size=_next_size(refinement))
+                search.task = replace(search.task, sample_size=_next_size(refinement, len(search.task.source)))
         hypotheses = scoring.scored(search.hypotheses, scores)
-        info = self.described(clock, hypotheses) | {"sample_size": search.task.sample_size}
+        info = self.described(clock, hypotheses) | {
+            "sample_size": min(search.task.sample_size, len(search.task.source))
+        }
         return _result(search, refinement, hypotheses, noise, info)
 
     def described(self, clock: Stopwatch, hypotheses: tuple[Hypothesis, ...]) -> dict[str, Any]:
@@ -171,19 +178,19 @@ class Method:
 
 def _run_with_measured_noise(method: Method, estimator: Estimator) -> Result:
     """The method at a noise level guessed on the first sample, and again where its answer shows another one."""
-    task, refiner = method.search.task, method.refiner
-    rows = task.rows(0)[0]
-    noise = guessed_noise(task.problem, estimator, rows, np.random.default_rng([task.seed, 0, 2]))
-    if not np.isfinite(noise):
-        status = _reason(task.problem, rows, 0.0)
-        return failed(status, noise, method.described(Stopwatch(), ()), evidence=Evidence(task.source, task.problem))
-    if hasattr(refiner, "known_noise"):  # a model that is right in part looks right at a noise measured on it
-        method = replace(method, refiner=replace(refiner, known_noise=False))  # type: ignore[type-var]
+    task = method.search.task
+    rng = np.random.default_rng([task.seed, 0, 2])
+    rows = task.union(min(_SAMPLES_FOR_NOISE, method.search.most))  # more than one, as some may not be finite
+    noise = guessed_noise(task.problem, estimator, rows[rng.permutation(len(rows))[: task.sample_size]], rng)
+    if hasattr(method.refiner, "with_unknown_noise"):  # a model that is right in part looks right at its own noise
+        method = replace(method, refiner=method.refiner.with_unknown_noise())
     least = 0.1 * noise
     for _ in range(_MOST_REPETITIONS):
         result = method.run(noise)
         measured = max(result.info.get("measured_noise", float("nan")), least)
         if not np.isfinite(measured) or max(measured / noise, noise / measured) < _SAME_NOISE:
+            break
+        if method.search.is_late():
             break
         noise = measured
     remarks = tuple(remark for remark in result.info["remarks"] if not remark.startswith("noise"))
@@ -229,12 +236,11 @@ def _next_round(drawn: int) -> int:
     return max(_FIRST_ROUND, drawn)
 
 
-def _next_size(refinement: Refinement | None) -> int:
-    """Rows that hold enough inliers, if they are as frequent as in the best answer so far."""
-    if refinement is None or not refinement.num_inliers:
-        return _LARGEST_SIZE
-    needed = _LEAST_INLIERS * refinement.num_rows / refinement.num_inliers
-    return int(np.clip(needed, _FIRST_SIZE, _LARGEST_SIZE))
+def _next_size(refinement: Refinement | None, rows: int) -> int:
+    """Rows that hold enough inliers, if they are as frequent as in the best answer so far; half of all at most."""
+    share = 0.0 if refinement is None else refinement.num_inliers / max(refinement.num_rows, 1)
+    needed = _LEAST_INLIERS / max(share, _LEAST_INLIERS / _LARGEST_SIZE)
+    return max(_FIRST_SIZE, min(int(needed), rows // 2))
 
 
 def _result(
@@ -329,6 +335,8 @@ def _check_numbers(
         if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
             automatic = "" if name == "max_samples" else '"auto" or '
             raise ValueError(f"{name} must be {automatic}an integer of at least {least}, got {value!r}")
+        if int(value) > _MOST_SAMPLES and name != "sample_size":
+            raise ValueError(f"{name} must be at most {_MOST_SAMPLES:,}, got {value!r}")
 
 
 def _is_positive(value: object) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -53,6 +53,7 @@ class Refiner(Protocol):
     """Improves the winner, given all hypotheses and the union of their samples' rows.
 
     Where it has an attribute `joint` that is true, the last hypothesis comes from a joint search (see `Estimator`).
+    Where it has a method `with_unknown_noise()`, what that gives refines where no noise was given.
     """
 
     def refine(
@@ -65,6 +66,9 @@ class AsSelected:
     """The selected hypothesis as it is, for studies of the rules; judged on the union of the samples."""
 
     known_noise: bool = True
+
+    def with_unknown_noise(self) -> Self:
+        return replace(self, known_noise=False)
 
     def refine(
         self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
@@ -96,6 +100,9 @@ class UnionRefit:
     polish_rows: int = 0
     known_noise: bool = True
     joint: ClassVar[bool] = True
+
+    def with_unknown_noise(self) -> Self:
+        return replace(self, known_noise=False)
 
     def refine(
         self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
@@ -179,13 +186,14 @@ def judged(
     residuals = Residuals.of(problem, model, rows)
     verdict = judge_rows(problem, model, rows, threshold, tested, known_noise, residuals)
     if verdict.status is Status.OK:
-        verdict = _beside_rival(problem, hypotheses, residuals, rows, threshold, verdict)
+        verdict = _beside_rival(problem, hypotheses, residuals, rows, threshold, known_noise, verdict)
     noise = measured_noise(residuals, threshold, residual_dimension(problem))
     inliers = rows[residuals.of_rows < threshold]
     trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
     covariance = None
-    if hasattr(problem, "covariance") and trusted:  # of some rows, as it falls with their number
-        some = inliers[:: max(1, len(inliers) // _COVARIANCE_ROWS)]
+    weighted = hasattr(problem, "row_weights")  # a covariance would have to know what weights mean
+    if hasattr(problem, "covariance") and trusted and not weighted:  # of some rows, as it falls with their number
+        some = _some(inliers, _COVARIANCE_ROWS)
         covariance = problem.covariance(model, some, threshold) * (len(some) / len(inliers))
     return Refinement(
         model,
@@ -206,6 +214,7 @@ def _beside_rival(
     residuals: Residuals,
     rows: Array,
     threshold: float,
+    known_noise: bool,
     verdict: Verdict,
 ) -> Verdict:
     """The verdict in view of the best other answer, which must explain rows that this one does not, beyond chance.
@@ -214,7 +223,7 @@ def _beside_rival(
     """
     explained = residuals.of_rows < threshold
     rest = rows[~explained]
-    some = rest[:: max(1, len(rest) // _RIVAL_ROWS)]
+    some = _some(rest, _RIVAL_ROWS)
     models = np.stack([h.model for h in hypotheses if h.found])
     if len(some) <= problem.minimal_size:
         return verdict
@@ -224,13 +233,20 @@ def _beside_rival(
         return verdict  # the same answer, and inliers beyond the threshold
     tested = sum(h.tested for h in hypotheses)
     of_rival = Residuals.of(problem, rival, some)
-    if judge_rows(problem, rival, some, threshold, tested, residuals=of_rival).status is not Status.OK:
+    if judge_rows(problem, rival, some, threshold, tested, known_noise, of_rival).status is not Status.OK:
         return verdict
     share = of_rival.support(threshold) * len(rest) / len(rows)
     alternatives = (*verdict.alternatives, Alternative(homogeneous(rival), share))
     if share < _NEARLY_AS_MUCH * residuals.support(threshold):
         return replace(verdict, alternatives=alternatives)
     return replace(verdict, status=Status.AMBIGUOUS, confidence=min(verdict.confidence, 0.5), alternatives=alternatives)
+
+
+def _some(rows: Array, most: int) -> Array:
+    """A part of the rows, in their order, the same each time."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.sort(np.random.default_rng(len(rows)).choice(len(rows), most, replace=False))]
 
 
 def _on_noise(ratio: float) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ _EXPLANATIONS = {
     Status.OK: "the data support this answer and no clearly different one does as well",
     Status.TOO_FEW: "there are too few distinct rows or points to determine an answer",
     Status.DEGENERATE: "the data do not determine an answer (identical or collinear points, or no baseline)",
-    Status.LOW_SUPPORT: "no answer is supported by more of the data than chance explains",
+    Status.LOW_SUPPORT: "no answer is supported by more of the data than chance, or a partly right answer, explains",
     Status.AMBIGUOUS: "clearly different answers fit the data about equally well (see alternatives)",
     Status.TIME_LIMIT: "the time limit came before an answer that is to be trusted",
 }
@@ -142,8 +142,9 @@ class Result:
     num_inliers, num_rows : int
         Rows (or points) that support the returned `T`, out of those that it was tested on.
     noise : float
-        Standard deviation of an inlier, in the unit of the data: the one that was given, or, for raw clouds, the
-        measured one of the distance between the two surfaces.
+        Standard deviation of an inlier, in the unit of the data: the one that was given, or the measured one at which
+        the answer was found (`info["measured_noise"]` is what the answer shows in the end); for raw clouds that of the
+        distance between the two surfaces.
     threshold : float
         Rows with a smaller residual than this are inliers, in the unit of the data.
     hypotheses : tuple of Hypothesis
@@ -154,7 +155,7 @@ class Result:
         Of a rigid motion or an absolute pose: of the rotation vector w in radians, for which R becomes exp([w]x) R, and
         of t. Where the scale was estimated, its logarithm is the seventh. Of a relative pose: of w and of the direction
         of t, in two axes of its tangent plane (`pose_math.tangents`). With points far from the origin t depends on w,
-        and its variance is large. None where nothing was found, and for raw clouds.
+        and its variance is large. None where nothing was found, for raw clouds, and where rows have weights.
 
         It comes from the residuals themselves, whatever the noise was said to be. In simulations the mean of
         e^T C^-1 e / p, of errors e of p parameters, is 0.85 to 1.15 from ten inliers on, and with up to 90 % outliers

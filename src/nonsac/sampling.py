@@ -45,7 +45,7 @@ def sample_start(rows: int, first: int, sample: int, size: int) -> int:
 def union_rows(rows: int, end: int, seed: int, at_least: int = 0) -> Indices:
     """Row numbers that the samples up to a position hold together, each once, and more up to a number; sorted.
 
-    All rows, where the samples need more than one pass.
+    All rows, where the samples need more than one pass, even if a few were left over at its end.
     """
     wanted = max(end, at_least)
     return np.arange(rows, dtype=np.int64) if wanted >= rows else np.sort(permutation(rows, 0, wanted, seed))

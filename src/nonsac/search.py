@@ -53,8 +53,8 @@ class SampleTask:
         """The finite rows of a sample, and how many others were dropped."""
         indices = sample_rows(len(self.source), self.position(sample), self.sample_size, self.seed)
         drawn = self.source.take(indices)
-        rows = drawn[np.isfinite(drawn).all(axis=1)]
-        return rows, len(drawn) - len(rows)
+        finite = np.isfinite(drawn).all(axis=1)
+        return self._counting(drawn[finite]), len(drawn) - int(np.count_nonzero(finite))
 
     def position(self, sample: int) -> int:
         """Where in the passes over the source a sample begins."""
@@ -69,7 +69,11 @@ class SampleTask:
         """The finite rows that all samples hold together up to `samples` of this task, each once, and further ones."""
         end = self.position(samples - 1) + self.sample_size if samples else self.start
         rows = self.source.take(union_rows(len(self.source), end, self.seed, at_least))
-        return rows[np.isfinite(rows).all(axis=1)]
+        return self._counting(rows[np.isfinite(rows).all(axis=1)])
+
+    def _counting(self, rows: Array) -> Array:
+        """The rows that have a weight, if there are weights."""
+        return rows[self.problem.row_weights(rows) > 0.0] if hasattr(self.problem, "row_weights") else rows
 
 
 @dataclass
@@ -99,10 +103,14 @@ class Search:
             if self.progress is not None:
                 self.progress(len(self.hypotheses), self.most)
             self.stopped = self.stop is not None and self.stop(self.hypotheses, self.task.problem)
-            self.late = self.deadline is not None and time.perf_counter() > self.deadline
+            self.late = self.is_late() and len(self.hypotheses) < self.most
             if self.stopped or self.late:
                 break
         self.task = self.task.after(len(self.hypotheses) - before)
+
+    def is_late(self) -> bool:
+        """Whether the time is over."""
+        return self.deadline is not None and time.perf_counter() > self.deadline
 
     @property
     def ended(self) -> bool:

@@ -68,6 +68,10 @@ def judge_rows(
     """
     residuals = residuals or Residuals.of(problem, model, rows)
     inliers = rows[residuals.of_rows < threshold]
+    if len(_distinct(inliers)) < len(inliers):  # copies are no evidence, and would be paired with each other
+        rows = _distinct(rows)
+        residuals = Residuals.of(problem, model, rows)
+        inliers = rows[residuals.of_rows < threshold]
     if _distinct_count(problem, inliers) <= problem.minimal_size:
         return Verdict(Status.LOW_SUPPORT, 0.0)
     if not problem.determined(model, inliers, threshold):
@@ -145,15 +149,21 @@ def _chance(problem: Problem, inliers: Array, rows: int, rate: float) -> float:
 
 def _distinct_count(problem: Problem, rows: Array) -> int:
     """Rows that do not share a point with another one, in either half."""
-    return min(_count_distinct(half) for half in (rows[:, : problem.split], rows[:, problem.split :]))
+    end = problem.width - 1 if hasattr(problem, "row_weights") else problem.width
+    return min(_count_distinct(half) for half in (rows[:, : problem.split], rows[:, problem.split : end]))
 
 
 def _count_distinct(points: Array) -> int:
-    """Number of different rows; `numpy.unique` does the same on an axis, ten times slower."""
-    if not len(points):
-        return 0
-    ordered = points[np.lexsort(points.T)]
-    return 1 + int((ordered[1:] != ordered[:-1]).any(axis=1).sum())
+    return len(_distinct(points))
+
+
+def _distinct(rows: Array) -> Array:
+    """The different rows, in their order; `numpy.unique` on an axis takes ten times as long, and sorts them."""
+    if not len(rows):
+        return rows
+    order = np.lexsort(rows.T)
+    ordered = rows[order]
+    return rows[np.sort(order[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))])]
 
 
 def chance_residuals(problem: Problem, model: Array, rows: Array) -> Array:
