@@ -23,6 +23,8 @@ class Line:
         return (self.residuals(models, rows) < threshold).sum(axis=1)
 
     def refit(self, model, rows, weights):
+        if np.count_nonzero(weights) < 2:
+            return np.full((3, 4), np.nan)
         mean = np.average(rows, axis=0, weights=weights)
         normal = np.linalg.svd((rows - mean) * np.sqrt(weights)[:, None], full_matrices=False)[2][1]
         return self._models(np.append(normal, -normal @ mean)[None])[0]

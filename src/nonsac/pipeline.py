@@ -190,7 +190,8 @@ def _run_with_measured_noise(method: Method, estimator: Estimator) -> Result:
         measured = max(result.info.get("measured_noise", float("nan")), least)
         if not np.isfinite(measured) or max(measured / noise, noise / measured) < _SAME_NOISE:
             break
-        if method.search.is_late():
+        hopeless = result.status is Status.LOW_SUPPORT and not result.info["remarks"]
+        if hopeless or method.search.is_late():
             break
         noise = measured
     remarks = tuple(remark for remark in result.info["remarks"] if not remark.startswith("noise"))
