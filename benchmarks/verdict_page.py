@@ -228,7 +228,7 @@ def counts(results: Sequence[Report]) -> str:
         "different data",
         "trials",
         *(name.replace("_", ", ") for name in CELLS),
-        "wrong and trusted, at most",
+        "trusted of the wrong, below",
     ]
     return markdown(header, map(count_line, results))
 
