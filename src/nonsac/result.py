@@ -137,8 +137,9 @@ class Result:
     status : Status
         `Status.OK` or the reason why the answer is not to be trusted.
     confidence : float
-        In [0, 1], 0.5 at the bound between trusted and not. It orders answers and is not calibrated; see
-        `docs/verdict.md`.
+        In [0, 1], 0.5 at the bound between trusted and not: the lesser of how certainly the support is no chance, and
+        how certainly the answer is not right in part only; for raw clouds, how far the best other answer is behind.
+        `docs/verdict.md` has both, and how often answers of each confidence were right.
     num_inliers, num_rows : int
         Rows (or points) that support the returned `T`, out of those that it was tested on.
     noise : float

@@ -195,7 +195,7 @@ def judge_overlap(support: int, others: np.ndarray, total: int, surfaces: bool =
     An answer is trusted where at least 15 % of the points support it, and the best clearly different answer has
     less than 0.85 of its support; less is allowed below a share of 0.22, where even unrelated clouds may meet. The
     bounds lie between right and wrong answers on real scans (`docs/verdict.md`). The confidence falls from 1 without
-    any other answer to 0.5 at the bound; it orders answers, and is not calibrated yet.
+    any other answer to 0.5 at the bound.
 
     Parameters
     ----------
