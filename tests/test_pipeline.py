@@ -449,6 +449,12 @@ def test_no_rows_are_too_few():
     assert result.hypotheses == ()
 
 
+@pytest.mark.parametrize("noise", [NOISE, None])
+def test_a_single_row_supports_nothing(noise):
+    result = run(np.array([[1.0, 4.0]]), noise=noise)
+    assert result.status is Status.LOW_SUPPORT
+
+
 def test_rows_without_a_finite_one_are_too_few():
     estimator = MockEstimator()
     result = run(np.full((50, 2), np.nan), estimator)

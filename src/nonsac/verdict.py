@@ -179,7 +179,7 @@ def paired_at_random(problem: Problem, rows: Array, size: int) -> Array:
     n = len(rows)
     rng = np.random.default_rng(n)
     first = rng.integers(n, size=size // 2)
-    second = (first + rng.integers(1, n, size=size // 2)) % n
+    second = (first + rng.integers(1, max(n, 2), size=size // 2)) % n
     first, second = np.concatenate([first, second]), np.concatenate([second, first])
     return np.hstack([rows[first, : problem.split], rows[second, problem.split :]])
 
