@@ -71,3 +71,11 @@ def test_travels_to_another_process(example):
 def test_a_row_that_does_not_exist_is_an_error(example, number):
     with pytest.raises(IndexError):
         example[0].take(np.array([number]))
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 5), (3, 3), (4, 9), (7, None), (2, 1000)])
+def test_chunks_of_a_range(example, start, stop):
+    source, rows = example
+    chunks = list(source.chunks(2, start, stop))
+    assert all(len(chunk) == 2 for chunk in chunks[:-1])
+    np.testing.assert_array_equal(np.vstack([np.empty((0, source.width)), *chunks]), rows[start:stop])

@@ -20,6 +20,12 @@ class Source(Protocol):
     """A table of rows, read a few at a time.
 
     Sources travel to workers, so a source pickles as a cheap description and opens what it needs where it runs.
+
+    A source may have, besides:
+
+    - `block_starts`, (k + 1,) int64 from 0 to `len(source)`: where its rows come in k blocks that can only be read
+      whole (row groups, compressed chunks). Rows are then asked for in as few calls as possible.
+    - `bytes_to_take(rows)`: how many bytes are read for so many random rows, about.
     """
 
     @property
@@ -33,6 +39,6 @@ class Source(Protocol):
         """The rows with these numbers: a fresh, writable, C-order float64 array (len(indices), D)."""
         ...
 
-    def chunks(self, rows: int) -> Iterator[NDArray[np.float64]]:
-        """All rows in order, at most `rows` of them at a time."""
+    def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
+        """The rows `start` to `stop - 1`, by default all, in order, at most `rows` of them at a time."""
         ...

@@ -32,6 +32,7 @@ class AllPairsSource:
         first, second = np.divmod(np.asarray(indices, np.int64), len(self.b))
         return np.hstack([self.a.take(first), self.b.take(second)])
 
-    def chunks(self, rows: int) -> Iterator[NDArray[np.float64]]:
-        for start in range(0, len(self), rows):
-            yield self.take(np.arange(start, min(start + rows, len(self)), dtype=np.int64))
+    def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
+        stop = len(self) if stop is None else min(stop, len(self))
+        for first in range(start, stop, rows):
+            yield self.take(np.arange(first, min(first + rows, stop), dtype=np.int64))

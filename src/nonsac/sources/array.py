@@ -30,6 +30,7 @@ class ArraySource:
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         return np.array(self.rows[indices], np.float64, order="C")
 
-    def chunks(self, rows: int) -> Iterator[NDArray[np.float64]]:
-        for start in range(0, len(self), rows):
-            yield np.array(self.rows[start : start + rows], np.float64, order="C")
+    def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
+        stop = len(self) if stop is None else min(stop, len(self))
+        for first in range(start, stop, rows):
+            yield np.array(self.rows[first : min(first + rows, stop)], np.float64, order="C")

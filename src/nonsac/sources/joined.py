@@ -44,9 +44,11 @@ class JoinedSource:
         return len(self.parts[0])
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        taken = (part.take(indices) for part in self.parts)
-        return np.hstack([rows if move is None else move(rows) for rows, move in zip(taken, self.maps, strict=True)])
+        return self._joined([part.take(indices) for part in self.parts])
 
-    def chunks(self, rows: int) -> Iterator[NDArray[np.float64]]:
-        for start in range(0, len(self), rows):
-            yield self.take(np.arange(start, min(start + rows, len(self)), dtype=np.int64))
+    def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
+        for pieces in zip(*(part.chunks(rows, start, stop) for part in self.parts), strict=True):
+            yield self._joined(pieces)
+
+    def _joined(self, pieces: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.hstack([rows if move is None else move(rows) for rows, move in zip(pieces, self.maps, strict=True)])
