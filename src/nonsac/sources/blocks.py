@@ -1,0 +1,62 @@
+"""Rows that come in blocks of which each can only be read whole: row groups of Parquet, compressed chunks."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class BlockSource(ABC):
+    """What a source of blocks has in common with the others of its kind; it reads each block once for a call.
+
+    Parameters
+    ----------
+    block_starts : (k + 1,) int64
+        The first row of each of k blocks, from 0, and then the number of rows.
+    width : int
+        Number of columns, D.
+    """
+
+    def __init__(self, block_starts: NDArray[np.int64], width: int) -> None:
+        self.block_starts = block_starts
+        self.width = width
+
+    @abstractmethod
+    def read_block(self, block: int) -> NDArray[np.float64]:
+        """All rows of a block (k, D)."""
+
+    def __len__(self) -> int:
+        return int(self.block_starts[-1])
+
+    def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        indices = np.asarray(indices, np.int64)
+        taken = np.empty((len(indices), self.width))
+        order = np.argsort(indices, kind="stable")
+        bounds = np.searchsorted(indices[order], self.block_starts)
+        for block in np.flatnonzero(np.diff(bounds)):
+            places = order[bounds[block] : bounds[block + 1]]
+            taken[places] = self.read_block(int(block))[indices[places] - self.block_starts[block]]
+        return taken
+
+    def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
+        stop = len(self) if stop is None else min(stop, len(self))
+        chunk, filled = np.empty((rows, self.width)), 0
+        for piece in self._pieces(start, stop):
+            while len(piece):
+                count = min(rows - filled, len(piece))
+                chunk[filled : filled + count] = piece[:count]
+                piece, filled = piece[count:], filled + count
+                if filled == rows:
+                    yield chunk
+                    chunk, filled = np.empty((rows, self.width)), 0
+        if filled:
+            yield chunk[:filled].copy()
+
+    def _pieces(self, start: int, stop: int) -> Iterator[NDArray[np.float64]]:
+        """What each block holds of a range of rows."""
+        for block, (first, last) in enumerate(zip(self.block_starts[:-1], self.block_starts[1:], strict=True)):
+            if max(start, first) < min(stop, last):
+                yield self.read_block(block)[max(start - first, 0) : stop - first]
