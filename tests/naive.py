@@ -14,6 +14,12 @@ def moved(model, points):
     return points @ model[:3, :3].T + model[:3, 3]
 
 
+def gradient(function, point, step):
+    """Central differences of a function at a point (p,)."""
+    units = step * np.eye(len(point))
+    return np.array([(function(point + unit) - function(point - unit)) / (2 * step) for unit in units])
+
+
 def random_model(rng, scale=1.0, spread=1.0):
     """A random similarity [s R | t]."""
     return np.column_stack([scale * Rotation.random(random_state=rng).as_matrix(), spread * rng.standard_normal(3)])

@@ -25,13 +25,13 @@ def test_weights_are_posterior_probabilities():
     errors = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
     of_inliers, of_others = 100 * norm.pdf(errors), 50 / 10
     expected = of_inliers / (of_inliers + of_others) * (1 - (errors / 10) ** 2) ** 2
-    np.testing.assert_allclose(Mixture(NOISE, 1, 100, 50).weights(NOISE * errors), expected)
-    assert (Mixture(NOISE, 3, 100, 50).weights(np.array([10.0, 20.0, np.inf]) * NOISE) == 0.0).all()
+    np.testing.assert_allclose(Mixture(NOISE, 1, 100, 50).weigher(NOISE * errors)[0], expected)
+    assert (Mixture(NOISE, 3, 100, 50).weigher(np.array([10.0, 20.0, np.inf, np.nan]) * NOISE)[0] == 0.0).all()
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_without_others_inliers_weigh_the_same_near_the_model(dimension):
-    weights = Mixture(NOISE, dimension, 100, 0).weights(NOISE * np.array([0.0, 0.1]))
+    weights = Mixture(NOISE, dimension, 100, 0).weigher(NOISE * np.array([0.0, 0.1]))[0]
     np.testing.assert_allclose(weights, 1.0, atol=1e-3)
 
 

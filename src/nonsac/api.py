@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.arguments import points_argument, warn_dropped, weights_argument
+from nonsac.arguments import points_argument, warn_dropped, warn_dropped_rows, weights_argument
 from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner, coarse_overlap
 from nonsac.estimators import Estimator, OrientedPairs, Pcr99
 from nonsac.executors import Workers
@@ -19,7 +19,7 @@ from nonsac.refine import Refiner
 from nonsac.result import VERSION, Array, Result, Status, failed
 from nonsac.sampling import canonical_seed
 from nonsac.scoring import ScoringRule, TruncatedLp
-from nonsac.sources import AllPairsSource, ArraySource
+from nonsac.sources import AllPairsSource, JoinedSource
 from nonsac.surfaces import Surface
 
 Random = int | np.random.Generator | None
@@ -163,14 +163,12 @@ def register_pairs(
     if estimator is None:
         estimator = Pcr99() if scale is None else Pcr99.for_pairs()
     problem: Problem = Registration(scale)
-    rows = np.hstack([a, b])
-    uneven = weights_argument(weights, len(rows))
+    arrays = [a, b]
+    uneven = weights_argument(weights, len(a))
     if uneven is not None:
-        problem, rows = Weighted(problem), np.column_stack([rows, uneven])
-    dropped = int(len(rows) - np.isfinite(rows).all(axis=1).sum())
-    warn_dropped(dropped, len(rows), "pairs", stacklevel=3)
+        problem, arrays = Weighted(problem), [a, b, uneven[:, None]]
     result = estimate(
-        ArraySource(rows),
+        JoinedSource(arrays),
         problem,
         estimator,
         noise=noise,
@@ -184,7 +182,8 @@ def register_pairs(
         rng=rng,
         progress=progress,
     )
-    return replace(result, info=result.info | {"dropped": dropped})
+    warn_dropped_rows(result, "with NaN or infinite coordinates", stacklevel=2)
+    return result
 
 
 def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.result import Array
+from nonsac.result import Array, Result
 
 
 def points_argument(points: ArrayLike, name: str, width: int) -> NDArray[Any]:
@@ -49,3 +49,10 @@ def weights_argument(weights: ArrayLike | None, rows: int) -> Array | None:
 def warn_dropped(dropped: int, total: int, what: str, stacklevel: int) -> None:
     if dropped:
         warnings.warn(f"dropped {dropped} of {total} {what} with NaN or infinite coordinates", stacklevel=stacklevel)
+
+
+def warn_dropped_rows(result: Result, flaw: str, stacklevel: int) -> None:
+    """Say how many of the rows that were looked at are no use; nobody looks at all of them."""
+    dropped = result.info.get("dropped_rows", 0)
+    if dropped:
+        warnings.warn(f"dropped {dropped} sampled rows {flaw}", stacklevel=stacklevel + 1)

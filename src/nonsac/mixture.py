@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import gamma
 
 from nonsac.problems import Problem, residual_dimension
+from nonsac.problems.normal_equations import LikelyInliers
 from nonsac.result import Array, threshold_of
 from nonsac.verdict import Residuals, chance_rate
 
@@ -41,14 +42,13 @@ class Mixture:
         within = np.count_nonzero(residuals.of_rows < window)
         return cls(noise, dimension, max(within - others, 1.0), others)
 
-    def weights(self, residuals: Array) -> Array:
-        """How likely rows are to be inliers, tapered to zero at twice the threshold: real errors have long tails."""
-        d, threshold = self.dimension, threshold_of(self.noise)
-        ratios = residuals / self.noise
-        of_inliers = self.inliers * np.exp(-0.5 * ratios**2) / (2.0 * np.pi) ** (d / 2)
-        of_others = self.others / (np.pi ** (d / 2) / gamma(d / 2 + 1) * (threshold / self.noise) ** d)
-        taper = np.maximum(1.0 - (0.5 * residuals / threshold) ** 2, 0.0) ** 2
-        return taper * of_inliers / (of_inliers + of_others)
+    @property
+    def weigher(self) -> LikelyInliers:
+        """From residuals to how likely rows are to be inliers."""
+        d, window = self.dimension, threshold_of(1.0)
+        of_inliers = self.inliers / (2.0 * np.pi) ** (d / 2)
+        of_others = self.others / (np.pi ** (d / 2) / gamma(d / 2 + 1) * window**d)
+        return LikelyInliers(self.noise, float(of_others / of_inliers), d)
 
 
 def mixture_fit(problem: Problem, model: Array, rows: Array, residuals: Residuals, noise: float) -> Array:
@@ -57,11 +57,11 @@ def mixture_fit(problem: Problem, model: Array, rows: Array, residuals: Residual
     It loses less than a robust loss alone where there are many outliers: among n inliers and as many others within the
     threshold no estimator reaches the accuracy of least squares on the inliers, and this one comes near what can be.
     """
-    mixture = Mixture.seen_in(residuals, noise, residual_dimension(problem))
+    weigher = Mixture.seen_in(residuals, noise, residual_dimension(problem)).weigher
     near = rows[residuals.of_rows < 2.0 * threshold_of(noise)]
     previous = np.zeros(len(near))
     for _ in range(_ITERATIONS):
-        weights = mixture.weights(problem.residuals(model[None], near)[0])
+        weights = weigher(problem.residuals(model[None], near)[0])[0]
         if np.abs(weights - previous).max(initial=0.0) < 1e-6:
             break
         fitted = problem.refit(model, near, weights)

@@ -14,6 +14,7 @@ from nonsac import refine as refiners
 from nonsac import scoring
 from nonsac.estimators import Estimator
 from nonsac.executors import Workers
+from nonsac.full_pass import fitted_to_all
 from nonsac.noise import guessed_noise
 from nonsac.problems import Problem
 from nonsac.refine import Refinement, Refiner
@@ -86,9 +87,10 @@ def estimate(
     rule : str or ScoringRule
         How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object. It decides the answer with
         refine="none"; refiners that compare all hypotheses anew, as "union" does, overrule it.
-    refine : "union", "polish", "none" or Refiner
+    refine : "union", "polish", "full", "none" or Refiner
         "union" searches once more where the samples' findings meet, rescores all hypotheses on all sampled rows and
-        refits the best; "polish" then fits it to at least 100,000 rows, or all; "none" returns the selected one.
+        refits the best; "polish" then fits it to at least 100,000 rows, or all; "full" fits a trusted answer to all
+        rows, in some passes over the source in constant memory; "none" returns the selected one.
     stop : callable, optional
         Called as `stop(hypotheses, problem)` after each sample; ends the sampling where it says so.
     workers : None, int or concurrent.futures.Executor
@@ -112,6 +114,8 @@ def estimate(
     selector = scoring.by_name(rule) if isinstance(rule, str) or not _is_object(rule, ScoringRule) else rule
     refiner = refiners.by_name(refine) if isinstance(refine, str) or not _is_object(refine, Refiner) else refine
     automatic = samples == "auto"
+    if getattr(refiner, "all_rows", False) and not hasattr(problem, "normal_equations"):
+        raise ValueError(f'refine="full" needs a problem with normal_equations, {type(problem).__name__} has none')
     most, planned = _plan(selector, max_samples if samples == "auto" else samples, automatic, estimator)
     size = _FIRST_SIZE if sample_size == "auto" else sample_size
     if size >= len(source) and most > 1:  # every sample would be all rows: one, with the budget of all
@@ -129,7 +133,10 @@ def estimate(
         return failed(
             Status.TOO_FEW, float("nan") if noise is None else noise, info, evidence=Evidence(source, problem)
         )
-    return method.run(float(noise)) if noise is not None else _run_with_measured_noise(method, estimator)
+    result = method.run(float(noise)) if noise is not None else _run_with_measured_noise(method, estimator)
+    if getattr(refiner, "all_rows", False) and not method.search.is_late():
+        return fitted_to_all(result, workers)
+    return result
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.arguments import points_argument, weights_argument
+from nonsac.arguments import points_argument, warn_dropped_rows, weights_argument
 from nonsac.camera import Camera, CameraLike
 from nonsac.estimators import Estimator, Ransac
 from nonsac.executors import Workers
@@ -199,10 +199,7 @@ def _estimate(
     if weights is not None:
         problem, arrays, maps = Weighted(problem), [*arrays, weights[:, None]], [*maps, None]
     result = estimate(JoinedSource(arrays, maps), problem, estimator, **settings)
-    dropped = result.info.get("dropped_rows", 0)
-    if dropped:
-        message = f"dropped {dropped} sampled rows that are NaN or infinite, or that the lens maps no ray to"
-        warnings.warn(message, stacklevel=3)
+    warn_dropped_rows(result, "that are NaN or infinite, or that the lens maps no ray to", stacklevel=3)
     if wrong_unit and result.status in (
         Status.OK,
         Status.AMBIGUOUS,

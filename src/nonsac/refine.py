@@ -53,6 +53,7 @@ class Refiner(Protocol):
     """Improves the winner, given all hypotheses and the union of their samples' rows.
 
     Where it has an attribute `joint` that is true, the last hypothesis comes from a joint search (see `Estimator`).
+    Where it has an attribute `all_rows` that is true, a trusted answer is fitted to all rows of the source in the end.
     Where it has a method `with_unknown_noise()`, what that gives refines where no noise was given.
     """
 
@@ -91,6 +92,8 @@ class UnionRefit:
         Reweighted least-squares steps for each, at most.
     polish_rows : int
         Rows that the winner is fitted to in the end, at least; all rows where there are fewer.
+    all_rows : bool
+        Whether a trusted winner is then fitted to all rows of the source, in passes over it (`nonsac.full_pass`).
     known_noise : bool
         Whether the threshold is that of a known noise, which the verdict then makes use of.
     """
@@ -98,6 +101,7 @@ class UnionRefit:
     candidates: int = 4
     iterations: int = 20
     polish_rows: int = 0
+    all_rows: bool = False
     known_noise: bool = True
     joint: ClassVar[bool] = True
 
@@ -162,14 +166,15 @@ class UnionRefit:
 
 
 def by_name(name: object) -> Refiner:
-    """The refiner with this name: "union", "polish" or "none"."""
+    """The refiner with this name: "union", "polish", "full" or "none"."""
     refiners: dict[str, Refiner] = {
         "union": UnionRefit(),
         "polish": UnionRefit(polish_rows=100_000),
+        "full": UnionRefit(polish_rows=30_000, all_rows=True),
         "none": AsSelected(),
     }
     if not isinstance(name, str) or name not in refiners:
-        raise ValueError(f'refine must be "union", "polish", "none" or a Refiner, got {name!r}')
+        raise ValueError(f'refine must be "union", "polish", "full", "none" or a Refiner, got {name!r}')
     return refiners[name]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 VERSION = version("nonsac")
+
+_CHUNK = 8192
 
 
 class Status(StrEnum):
@@ -114,15 +117,13 @@ class Evidence:
     source: Any
     problem: Any
 
-    def residuals(self, model: Array, chunk: int = 65_536) -> Array:
-        """Of every row of the source, in its order: (n,); NaN for rows that are not finite."""
-        parts = [np.empty(0)]
-        for rows in self.source.chunks(chunk):
+    def residuals(self, model: Array) -> Iterator[Array]:
+        """Of every row of the source, in its order, some at a time: (k,) each; NaN for rows that are not finite."""
+        for rows in self.source.chunks(_CHUNK):
             finite = np.isfinite(rows).all(axis=1)
-            part = np.full(len(rows), np.nan)
-            part[finite] = self.problem.residuals(model[None], rows[finite])[0]
-            parts.append(part)
-        return np.concatenate(parts)
+            residuals = np.full(len(rows), np.nan)
+            residuals[finite] = self.problem.residuals(model[None], rows[finite])[0]
+            yield residuals
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,15 +221,39 @@ class Result:
         Computed when first asked for, in one pass over all rows. NaN for rows that are not finite, and for all where
         nothing was found.
         """
-        if self.evidence is None:
-            raise AttributeError("there are no rows to give residuals of: the data were raw clouds")
-        return self.evidence.residuals(self.T[:3])
+        return np.concatenate([np.empty(0), *self._residuals_by_chunk()])
 
     @property
     def inliers(self) -> NDArray[np.bool_]:
         """Which rows of the input are inliers of the returned `T`, in input order (n,)."""
         with np.errstate(invalid="ignore"):
             return self.residuals < self.threshold
+
+    def write_inliers(self, path: str | Path) -> None:
+        """Write which rows of the input are inliers, in input order, in memory that does not grow with their number.
+
+        Parameters
+        ----------
+        path : str or Path
+            .npy holds an array of bool (n,); .txt and .csv hold a line of 0 or 1 for each row.
+
+        Raises
+        ------
+        InputError
+            If the name has another suffix, or the file cannot be written; nothing is left then.
+        """
+        from nonsac.io.masks import write_mask
+
+        pieces = (residuals < self.threshold for residuals in self._residuals_by_chunk())
+        write_mask(path, pieces, len(self._evidence().source))
+
+    def _residuals_by_chunk(self) -> Iterator[Array]:
+        return self._evidence().residuals(self.T[:3])
+
+    def _evidence(self) -> Evidence:
+        if self.evidence is None:
+            raise AttributeError("there are no rows to give residuals of: the data were raw clouds")
+        return self.evidence
 
     @property
     def inlier_ratio(self) -> float:

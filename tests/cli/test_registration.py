@@ -113,7 +113,7 @@ def test_dropped_rows_are_one_line_on_stderr(matches, run):
     mask = np.loadtxt("mask.txt")
     assert len(mask) == 400
     assert not mask[3]
-    assert said(err) == ["nonsac: warning: dropped 1 of 400 pairs with NaN or infinite coordinates"]
+    assert said(err) == ["nonsac: warning: dropped 1 sampled rows with NaN or infinite coordinates"]
 
 
 def test_a_guess_is_written_and_called_untrusted(noise_file, run):

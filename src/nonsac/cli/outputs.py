@@ -45,13 +45,14 @@ class Outputs:
                 raise typer.BadParameter(f"{path} is already used for {other}", param_hint=repr(option))
 
     def _wanted(self) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
+        from nonsac.io import check_mask_suffix
         from nonsac.io.clouds import WRITERS, choose_by_suffix
         from nonsac.plot import picture_suffix
 
         checks: tuple[tuple[str, Path | None, Callable[[Path], object]], ...] = (
             ("--output", self.transform, _text_suffix),
             ("--save-aligned", self.aligned, lambda path: choose_by_suffix(path, WRITERS)),
-            ("--save-inliers", self.inliers, _mask_suffix),
+            ("--save-inliers", self.inliers, check_mask_suffix),
             ("--picture", self.picture, picture_suffix),
             ("--json", self.report, lambda path: None),
         )
@@ -65,7 +66,7 @@ class Outputs:
             write_transform(self.transform, result.T)
             wrote(self.transform, "T", quietly)
         if self.inliers is not None and worth_writing(self.inliers, "the inliers of T", result):
-            _write_mask(self.inliers, result)
+            result.write_inliers(self.inliers)
             wrote(self.inliers, "which rows are inliers", quietly)
         if self.picture is not None:
             _write_picture(self.picture, result, draw, quietly)
@@ -102,20 +103,6 @@ def worth_writing(path: Path, what: str, result: Result) -> bool:
     return found
 
 
-def _write_mask(path: Path, result: Result) -> None:
-    import numpy as np
-
-    from nonsac.io import write_atomically
-
-    def write(temporary: Path) -> None:
-        if path.suffix.lower() == ".npy":
-            np.save(temporary, result.inliers)
-        else:
-            np.savetxt(temporary, result.inliers, fmt="%d")
-
-    write_atomically(path, write)
-
-
 def _write_picture(path: Path, result: Result, draw: Draw | None, quietly: bool) -> None:
     if draw is None:
         say(f"{path} is NOT WRITTEN: there is no finite point to draw")
@@ -133,8 +120,3 @@ def _text_suffix(path: Path) -> None:
     others = {*READERS, ".png", ".pdf", ".svg", ".parquet", ".h5", ".db"} - set(TEXT_SUFFIXES)
     if path.suffix.lower() in others:
         raise ValueError(f"{path}: T is written as text; end the name in .txt")
-
-
-def _mask_suffix(path: Path) -> None:
-    if path.suffix.lower() not in (".npy", ".txt", ".csv"):
-        raise ValueError(f"{path}: the inliers are written as .npy, .txt or .csv; end the name in one of these")

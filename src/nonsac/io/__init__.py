@@ -7,6 +7,7 @@ from nonsac.io.colmap_model import read_colmap_points, read_colmap_pose
 from nonsac.io.correspondences import Matches, PointMatches
 from nonsac.io.errors import InputError
 from nonsac.io.hloc import read_hloc
+from nonsac.io.masks import check_mask_suffix, write_mask
 from nonsac.io.matches import read_matches, read_points
 from nonsac.io.pairs import read_pairs
 from nonsac.io.transforms import read_transform, write_transform
@@ -16,6 +17,7 @@ __all__ = [
     "InputError",
     "Matches",
     "PointMatches",
+    "check_mask_suffix",
     "check_target",
     "from_warp",
     "read_cloud",
@@ -29,6 +31,7 @@ __all__ = [
     "read_transform",
     "write_atomically",
     "write_cloud",
+    "write_mask",
     "write_transform",
     "write_two_view_geometry",
 ]

@@ -36,6 +36,8 @@ class Problem(Protocol):
     - `refit_robustly(model, rows, weights, threshold, iterations)`: `refit` with Tukey's biweight loss, in one go.
     - `simpler_models(model, inliers, threshold)`: special cases that may explain the inliers too, as `Simpler` objects.
     - `covariance(model, inliers, threshold)`: of the parameters of a fitted model, (p, p).
+    - `pivot(rows)`, `normal_equations(model, rows, weigher, pivot)` and `moved(model, step, pivot)`: a step of Newton's
+      method from sums over rows, in parameters about a pivot (3,), and the residuals; refine="full" needs them.
     - `residual_dimension`: how many independent errors of the same noise a residual is the length of; 1 if left out.
     - `row_weights(rows)`: weights of the rows, (N,), as `Weighted` has.
     """

@@ -8,10 +8,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.kernels.normal_equations import mirror, reprojection_equations
 from nonsac.kernels.p3p import p3p_poses
-from nonsac.kernels.pose_fit import fit_pose, reprojection_jacobian
+from nonsac.kernels.pose_fit import fit_pose, move, reprojection_jacobian
 from nonsac.kernels.residuals import count_reprojection_inliers, reprojection_residuals
 from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
+from nonsac.problems.normal_equations import NormalEquations, Weigher
 from nonsac.problems.planar_target import plane_of_points, reflected_pose
 from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
 from nonsac.problems.registration import centre
@@ -108,6 +110,25 @@ class AbsolutePose:
         centred = robust_covariance(residuals, jacobian, threshold)
         return at_origin(centred, model[:, :3] @ centre(inliers)[2:])
 
+    def pivot(self, rows: Array) -> Array:
+        """A point amid the world's (3,)."""
+        return centre(rows)[2:]
+
+    def normal_equations(
+        self, model: Array, rows: Array, weigher: Weigher, pivot: Array
+    ) -> tuple[NormalEquations, Array]:
+        residuals, hessian, gradient = self.residuals(model[None], rows)[0], np.zeros((6, 6)), np.zeros(6)
+        columns, about_pivot = self._columns(rows, pivot), moved_origin(model, pivot)
+        reprojection_equations(columns, *weigher(residuals), self.focal, about_pivot, hessian, gradient)
+        mirror(hessian)
+        return NormalEquations(hessian, gradient), residuals
+
+    def moved(self, model: Array, step: Array, pivot: Array) -> Array:
+        """The pose after a step: a turn w of the world about the pivot, and a shift."""
+        moved = np.empty((3, 4))
+        move(moved_origin(model, pivot), step, moved)
+        return moved_origin(moved, -pivot)
+
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""
         return rotation_distance(a, b)
@@ -122,7 +143,13 @@ class AbsolutePose:
     def _centred(self, rows: Array) -> tuple[Array, Array]:
         """Columns (5, N) with image coordinates in pixels and points relative to their centre, and that centre."""
         origin = centre(rows)[2:]
-        return np.ascontiguousarray(((rows - [0.0, 0.0, *origin]) * [self.focal, self.focal, 1.0, 1.0, 1.0]).T), origin
+        return self._columns(rows, origin), origin
+
+    def _columns(self, rows: Array, origin: Array) -> Array:
+        columns = np.ascontiguousarray(rows.T)
+        columns[:2] *= self.focal
+        columns[2:] -= origin[:, None]
+        return columns
 
 
 def moved_origin(models: Array, origin: Array) -> Array:

@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.kernels.kabsch import fit_each, fit_similarity
+from nonsac.kernels.normal_equations import registration_equations, registration_matrix
+from nonsac.kernels.pose_math import rotate
 from nonsac.kernels.residuals import count_registration_inliers, registration_residuals
 from nonsac.problems.covariance import at_origin, robust_covariance
+from nonsac.problems.normal_equations import NormalEquations, Weigher
 
 Array = NDArray[np.float64]
 
@@ -83,6 +86,30 @@ class Registration:
         residuals = moved - (inliers[:, 3:] - (model[:, :3] @ origin + model[:, 3]))
         centred = robust_covariance(residuals, _slopes(moved, self.scale is None), threshold)
         return at_origin(centred, model[:, :3] @ origin)
+
+    def pivot(self, rows: Array) -> Array:
+        """A point amid the source (3,); far from the origin, a turn about the origin would be lost in the shift."""
+        return centre(rows)[:3]
+
+    def normal_equations(
+        self, model: Array, rows: Array, weigher: Weigher, pivot: Array
+    ) -> tuple[NormalEquations, Array]:
+        columns, model = np.ascontiguousarray(rows.T), np.ascontiguousarray(model)
+        residuals, sums, size = np.empty((1, len(rows))), np.zeros(17), 7 if self.scale is None else 6
+        registration_residuals(model[None], columns, residuals)
+        registration_equations(columns, *weigher(residuals[0]), model, pivot, sums)
+        hessian, gradient = np.empty((size, size)), np.empty(size)
+        registration_matrix(sums, self.scale is None, hessian, gradient)
+        return NormalEquations(hessian, gradient), residuals[0]
+
+    def moved(self, model: Array, step: Array, pivot: Array) -> Array:
+        """The model after a step: a turn w of the source about the pivot, a shift, and the logarithm of a scale."""
+        moved, place = np.array(model, np.float64), model[:, :3] @ pivot + model[:, 3]
+        rotate(moved, *step[:3])
+        if len(step) == 7:
+            moved[:, :3] *= np.exp(step[6])
+        moved[:, 3] = place + step[3:6] - moved[:, :3] @ pivot
+        return moved
 
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees: 2 asin(|A - B|_F / sqrt 8) keeps its digits at small angles."""

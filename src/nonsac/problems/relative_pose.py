@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.kernels.five_point import five_point_poses
-from nonsac.kernels.pose_fit import fit_pose, sampson_jacobian
+from nonsac.kernels.normal_equations import mirror, sampson_equations
+from nonsac.kernels.pose_fit import essential_directions, fit_pose, move, sampson_jacobian
 from nonsac.kernels.residuals import count_epipolar_inliers, epipolar_geometries, epipolar_residuals
 from nonsac.problems.covariance import least_squares_covariance, robust_covariance
+from nonsac.problems.normal_equations import NormalEquations, Weigher
 from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
 from nonsac.problems.simpler import Simpler
 from nonsac.problems.two_view import plane_of, pose_of_same_plane, rotation_of, transfer_errors
@@ -122,6 +124,27 @@ class RelativePose:
         residuals, jacobian = self._derivatives(model, inliers)
         return robust_covariance(residuals[:, None], jacobian[:, None], threshold)
 
+    def pivot(self, rows: Array) -> Array:
+        """The first camera; there is no other place to turn about."""
+        return np.zeros(3)
+
+    def normal_equations(
+        self, model: Array, rows: Array, weigher: Weigher, pivot: Array
+    ) -> tuple[NormalEquations, Array]:
+        columns, residuals = self._columns(rows), np.empty((1, len(rows)))
+        epipolar_residuals(self._geometries(model), columns, residuals)
+        directions, hessian, gradient = np.empty((6, 3, 3)), np.zeros((5, 5)), np.zeros(5)
+        essential_directions(np.ascontiguousarray(model), np.array([self.focal1, self.focal2]), directions)
+        sampson_equations(columns, *weigher(residuals[0]), directions, hessian, gradient)
+        mirror(hessian)
+        return NormalEquations(hessian, gradient), residuals[0]
+
+    def moved(self, model: Array, step: Array, pivot: Array) -> Array:
+        """The pose after a step: a turn w, and a shift of t in its tangent plane."""
+        moved = np.empty((3, 4))
+        move(np.ascontiguousarray(model), step, moved)
+        return moved
+
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""
         return rotation_distance(a, b)
@@ -143,8 +166,6 @@ class RelativePose:
         return geometries
 
     def _columns(self, rows: Array) -> Array:
-        return np.ascontiguousarray((rows * self._focals).T)
-
-    @property
-    def _focals(self) -> Array:
-        return np.array([self.focal1, self.focal1, self.focal2, self.focal2])
+        """The coordinates in pixels (4, N), copied once."""
+        focals = np.array([self.focal1, self.focal1, self.focal2, self.focal2])
+        return np.multiply(rows.T, focals[:, None], order="C")

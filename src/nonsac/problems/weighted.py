@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.problems.normal_equations import Weigher
+
 if TYPE_CHECKING:
     from nonsac.problems import Problem
 
@@ -79,6 +81,22 @@ class Weighted:
         if name.startswith("_") or name == "problem":
             raise AttributeError(name)
         method = getattr(self.problem, name)
+        if name == "moved":
+            return method
+        if name == "pivot":
+            return lambda rows: method(rows[:, :-1])
         if name == "refit_robustly":
             return lambda model, rows, weights, *settings: method(model, rows[:, :-1], weights * rows[:, -1], *settings)
+        if name == "normal_equations":
+            return lambda model, rows, weigher, pivot: method(model, rows[:, :-1], _scaled(weigher, rows[:, -1]), pivot)
         return lambda model, rows, *rest: method(model, rows[:, :-1], *rest)
+
+
+def _scaled(weigher: Weigher, factors: Array) -> Weigher:
+    """Weights times those that the rows carry."""
+
+    def scaled(residuals: Array) -> tuple[Array, Array]:
+        weights, curvatures = weigher(residuals)
+        return weights * factors, curvatures * factors
+
+    return scaled

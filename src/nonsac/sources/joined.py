@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,11 +45,21 @@ class JoinedSource:
         return len(self.parts[0])
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        return self._joined([part.take(indices) for part in self.parts])
+        return self._joined([part.rows[indices] for part in self.parts])
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
-        for pieces in zip(*(part.chunks(rows, start, stop) for part in self.parts), strict=True):
-            yield self._joined(pieces)
+        stop = len(self) if stop is None else min(stop, len(self))
+        for first in range(start, stop, rows):
+            yield self._joined([part.rows[first : min(first + rows, stop)] for part in self.parts])
 
-    def _joined(self, pieces: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-        return np.hstack([rows if move is None else move(rows) for rows, move in zip(pieces, self.maps, strict=True)])
+    def _joined(self, pieces: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
+        """Copied once, where nothing maps them."""
+        mapped = [
+            rows if move is None else move(np.array(rows, np.float64, order="C"))
+            for rows, move in zip(pieces, self.maps, strict=True)
+        ]
+        joined, end = np.empty((len(mapped[0]), sum(piece.shape[1] for piece in mapped))), 0
+        for piece in mapped:
+            joined[:, end : end + piece.shape[1]] = piece
+            end += piece.shape[1]
+        return joined
