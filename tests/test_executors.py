@@ -1,7 +1,11 @@
 import math
+import multiprocessing
+import os
+import signal
 import threading
 import time
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+import warnings
+from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
 import pytest
@@ -146,6 +150,62 @@ def test_an_executor_without_a_known_width_is_served():
             return finished(function(*args))
 
     assert list(ordered_map(square, 50, Immediate())) == [i * i for i in range(50)]
+
+
+class Dying(ThreadPoolExecutor):
+    """Does some tasks; then its workers are gone."""
+
+    def __init__(self, lives, error):
+        super().__init__(2)
+        self.lives, self.error = lives, error
+
+    def submit(self, function, /, *args):
+        self.lives -= 1
+        future = Future()
+        if self.lives == -3:
+            raise self.error
+        if self.lives < 0:
+            future.set_exception(self.error)
+        else:
+            future.set_result(function(*args))
+        return future
+
+
+@pytest.mark.parametrize("error", [BrokenExecutor("a worker died"), CancelledError()], ids=["broken", "cancelled"])
+@pytest.mark.parametrize("lives", [0, 1, 5, 19, 30])
+def test_where_workers_die_the_rest_is_done_here(lives, error):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert list(ordered_map(square, 20, Dying(lives, error))) == [i * i for i in range(20)]
+    assert len(caught) == (lives < 20)
+    assert all("the rest is done in this process" in str(warning.message) for warning in caught)
+
+
+def kill_worker(i):
+    if i == 3 and multiprocessing.parent_process() is not None:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return i * i
+
+
+def test_a_killed_process_costs_time_only():
+    context = get_context("fork")  # the function of a test module does not travel to a new interpreter
+    with ProcessPoolExecutor(2, mp_context=context) as pool, pytest.warns(UserWarning, match="the workers are lost"):
+        assert list(ordered_map(kill_worker, 12, pool)) == [i * i for i in range(12)]
+
+
+class Packed:
+    """A task of which only a part is sent."""
+
+    def __call__(self, i):
+        raise AssertionError("it should not travel")
+
+    def packed(self, i):
+        return lambda number: (i, number)
+
+
+def test_a_task_may_be_packed_for_the_way():
+    with ThreadPoolExecutor(2) as pool:
+        assert list(ordered_map(Packed(), 5, pool)) == [(i, i) for i in range(5)]
 
 
 @pytest.mark.parametrize("wrong", [0, -1, True, 2.0, "2", "threads"])

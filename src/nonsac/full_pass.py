@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.executors import Workers, ordered_map
+from nonsac.executors import Workers, are_elsewhere, ordered_map
 from nonsac.mixture import Mixture
 from nonsac.noise import measured_noise
 from nonsac.problems import residual_dimension
@@ -81,6 +81,8 @@ def fitted_to_all(result: Result, workers: Workers) -> Result:
     task = _task(result) if result.status in (Status.OK, Status.AMBIGUOUS) else None
     if task is None:
         return result
+    if getattr(task.source, "in_memory", False) and are_elsewhere(workers):
+        workers = None  # sending the rows would take longer than summing them here
     for number in range(_MOST_PASSES):
         sums = reduce(add, ordered_map(task, len(task.bounds) - 1, workers))
         step = sums.equations.step()

@@ -10,11 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from nonsac.estimators import Estimator
-from nonsac.executors import Workers, ordered_map
+from nonsac.executors import Workers, are_elsewhere, ordered_map
 from nonsac.problems import Problem
 from nonsac.result import Array, Hypothesis
 from nonsac.sampling import sample_rows, sample_start, union_rows
-from nonsac.sources import Source
+from nonsac.sources import ArraySource, Source
 
 
 class Stop(Protocol):
@@ -40,7 +40,10 @@ class SampleTask:
     number: int = 0
 
     def __call__(self, sample: int) -> Hypothesis:
-        rows, dropped = self.rows(sample)
+        return self.estimated(sample, *self.rows(sample))
+
+    def estimated(self, sample: int, rows: Array, dropped: int) -> Hypothesis:
+        """The hypothesis of a sample whose rows are at hand."""
         number = self.number + sample
         if len(rows) < self.problem.minimal_size:
             nothing = np.full((3, 4), np.nan)
@@ -76,6 +79,33 @@ class SampleTask:
         return rows[self.problem.row_weights(rows) > 0.0] if hasattr(self.problem, "row_weights") else rows
 
 
+@dataclass(frozen=True)
+class TravellingTask:
+    """A task for workers that could not read its source: each is sent the rows of its sample, and nothing else."""
+
+    task: SampleTask
+
+    def __call__(self, sample: int) -> Hypothesis:
+        return self.task(sample)
+
+    def packed(self, sample: int) -> Callable[[int], Hypothesis]:
+        """What a worker needs for one sample."""
+        nothing = ArraySource(np.empty((0, self.task.source.width)))
+        return SampleWithRows(replace(self.task, source=nothing), *self.task.rows(sample))
+
+
+@dataclass(frozen=True)
+class SampleWithRows:
+    """A sample whose rows have been read."""
+
+    task: SampleTask
+    rows: Array
+    dropped: int
+
+    def __call__(self, sample: int) -> Hypothesis:
+        return self.task.estimated(sample, self.rows, self.dropped)
+
+
 @dataclass
 class Search:
     """The samples drawn so far, and what ends the drawing."""
@@ -98,7 +128,7 @@ class Search:
         """Estimate in so many further samples, or fewer."""
         count = min(count, self.most - len(self.hypotheses))
         before = len(self.hypotheses)
-        for hypothesis in ordered_map(self.task, count, self.workers):
+        for hypothesis in ordered_map(self._travelling(), count, self.workers):
             self.hypotheses.append(hypothesis)
             if self.progress is not None:
                 self.progress(len(self.hypotheses), self.most)
@@ -107,6 +137,12 @@ class Search:
             if self.stopped or self.late:
                 break
         self.task = self.task.after(len(self.hypotheses) - before)
+
+    def _travelling(self) -> Callable[[int], Hypothesis]:
+        """The task, or, where workers could not read the rows, one that is sent them."""
+        if getattr(self.task.source, "in_memory", False) and are_elsewhere(self.workers):
+            return TravellingTask(self.task)
+        return self.task
 
     def is_late(self) -> bool:
         """Whether the time is over."""

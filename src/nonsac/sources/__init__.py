@@ -25,6 +25,7 @@ class Source(Protocol):
 
     - `block_starts`, (k + 1,) int64 from 0 to `len(source)`: where its rows come in k blocks that can only be read
       whole (row groups, compressed chunks). Rows are then asked for in as few calls as possible.
+    - `in_memory`: true where its rows travel with it; workers elsewhere are then sent those of their sample only.
     - `bytes_to_take(rows)`: how many bytes are read for so many random rows, about.
     """
 

@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.sources.array import ArraySource
 
+if TYPE_CHECKING:
+    from nonsac.sources import Source
+
 
 class AllPairsSource:
     """The product of `a` (n, P) and `b` (k, Q) as n k virtual rows (n k, P + Q): row `i k + j` is (a_i, b_j).
 
-    Only sampled rows exist, so 10^6 x 10^6 points are no larger than the two arrays (Lee et al., Sec. 4.4).
+    Only sampled rows exist, so 10^6 x 10^6 points are no larger than the two arrays (Lee et al., Sec. 4.4), which may
+    be sources themselves, and stay on disk.
     """
 
-    def __init__(self, a: ArrayLike, b: ArrayLike) -> None:
-        self.a, self.b = ArraySource(a), ArraySource(b)
+    def __init__(self, a: ArrayLike | Source, b: ArrayLike | Source) -> None:
+        self.a, self.b = _source(a), _source(b)
         if len(self.a) * len(self.b) >= 2**62:
             raise ValueError(f"{len(self.a)} x {len(self.b)} pairs are more than 2^62; thin the clouds first")
 
     @property
     def width(self) -> int:
         return self.a.width + self.b.width
+
+    @property
+    def in_memory(self) -> bool:
+        return any(getattr(part, "in_memory", False) for part in (self.a, self.b))
 
     def __len__(self) -> int:
         return len(self.a) * len(self.b)
@@ -36,3 +45,7 @@ class AllPairsSource:
         stop = len(self) if stop is None else min(stop, len(self))
         for first in range(start, stop, rows):
             yield self.take(np.arange(first, min(first + rows, stop), dtype=np.int64))
+
+
+def _source(rows: Any) -> Source:
+    return rows if hasattr(rows, "take") and hasattr(rows, "chunks") and hasattr(rows, "width") else ArraySource(rows)

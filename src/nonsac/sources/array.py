@@ -24,6 +24,10 @@ class ArraySource:
     def width(self) -> int:
         return int(self.rows.shape[1])
 
+    @property
+    def in_memory(self) -> bool:
+        return not isinstance(self.rows, np.memmap)
+
     def __len__(self) -> int:
         return int(self.rows.shape[0])
 

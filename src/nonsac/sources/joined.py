@@ -41,6 +41,10 @@ class JoinedSource:
         nothing = np.empty(0, np.int64)
         return int(self.take(nothing).shape[1])
 
+    @property
+    def in_memory(self) -> bool:
+        return any(part.in_memory for part in self.parts)
+
     def __len__(self) -> int:
         return len(self.parts[0])
 
