@@ -120,6 +120,7 @@ def register_pairs(
     sample_size: int | Auto = "auto",
     max_samples: int = 100,
     time_limit: float | None = None,
+    max_memory: int | str | None = None,
     estimator: Estimator | None = None,
     rule: str | ScoringRule = "tlp_0.1",
     refine: str | Refiner = "polish",
@@ -140,7 +141,7 @@ def register_pairs(
         The known scale between the clouds, 1 for a rigid motion; None estimates it.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit.
-    samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
+    samples, sample_size, max_samples, time_limit, max_memory, estimator, rule, refine, workers, rng, progress
         As in `nonsac.estimate`; the default estimator is the paper's variant of PCR-99 (Sec. 4.3), or the published
         one where the scale is free.
 
@@ -176,6 +177,7 @@ def register_pairs(
         sample_size=sample_size,
         max_samples=max_samples,
         time_limit=time_limit,
+        max_memory=max_memory,
         rule=rule,
         refine=refine,
         workers=workers,

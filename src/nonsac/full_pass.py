@@ -18,7 +18,7 @@ from nonsac.problems import residual_dimension
 from nonsac.problems.normal_equations import LikelyInliers, NormalEquations
 from nonsac.result import Array, Result, Status, homogeneous
 from nonsac.sampling import union_rows
-from nonsac.sources import Source
+from nonsac.sources import HeldSource, Source
 from nonsac.verdict import Residuals
 
 _CHUNK = 8192  # rows whose columns, residuals and weights stay in the second-level cache
@@ -81,6 +81,8 @@ def fitted_to_all(result: Result, workers: Workers) -> Result:
     task = _task(result) if result.status in (Status.OK, Status.AMBIGUOUS) else None
     if task is None:
         return result
+    if isinstance(task.source, HeldSource):  # workers read the file where they are
+        task = replace(task, source=task.source.source)
     if getattr(task.source, "in_memory", False) and are_elsewhere(workers):
         workers = None  # sending the rows would take longer than summing them here
     for number in range(_MOST_PASSES):

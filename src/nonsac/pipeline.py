@@ -15,14 +15,15 @@ from nonsac import scoring
 from nonsac.estimators import Estimator
 from nonsac.executors import Workers
 from nonsac.full_pass import fitted_to_all
+from nonsac.memory import bytes_for, bytes_of, peak_memory, rows_within
 from nonsac.noise import guessed_noise
 from nonsac.problems import Problem
 from nonsac.refine import Refinement, Refiner
 from nonsac.result import VERSION, Array, Evidence, Hypothesis, Result, Status, failed, homogeneous, threshold_of
-from nonsac.sampling import canonical_seed
+from nonsac.sampling import canonical_seed, union_rows
 from nonsac.scoring import ScoringRule
 from nonsac.search import SampleTask, Search, Stop
-from nonsac.sources import Source
+from nonsac.sources import HeldSource, Source
 
 Auto = Literal["auto"]
 
@@ -34,6 +35,8 @@ _CLEAR = 0.99
 _MOST_REPETITIONS, _SAME_NOISE, _SAMPLES_FOR_NOISE = 3, 1.25, 3
 _MOST_PASSES = 10
 _MOST_SAMPLES = 10**6
+_NO_BOUND = 2**62
+_READ_AT_ONCE = 100_000  # rows: those of the last fit, and of the first fifty samples
 _ENOUGH_FOR_SPECIAL_CASES = 8
 
 
@@ -47,6 +50,7 @@ def estimate(
     sample_size: int | Auto = "auto",
     max_samples: int = 100,
     time_limit: float | None = None,
+    max_memory: int | str | None = None,
     rule: str | ScoringRule = "tlp_0.1",
     refine: str | Refiner = "union",
     stop: Stop | None = None,
@@ -84,6 +88,9 @@ def estimate(
     time_limit : float, optional
         Seconds after which no further sample is begun; one that has begun is finished. Where that left samples undrawn
         and no answer is supported, the status is `TIME_LIMIT`. The same input may then give another answer.
+    max_memory : int or str, optional
+        Bytes, or words such as "500 MB", that the estimate may take beside what this process holds: bounds how many
+        rows are sampled (with "auto"), and the rows of the last fit. Without it 100 samples of 2,000 rows take 60 MB.
     rule : str or ScoringRule
         How the hypothesis is selected: a name (see `nonsac.scoring`) or a rule object. It decides the answer with
         refine="none"; refiners that compare all hypotheses anew, as "union" does, overrule it.
@@ -93,8 +100,9 @@ def estimate(
         rows, in some passes over the source in constant memory; "none" returns the selected one.
     stop : callable, optional
         Called as `stop(hypotheses, problem)` after each sample; ends the sampling where it says so.
-    workers : None, int or concurrent.futures.Executor
-        One thread for each core, this many threads, or a pool. The answer is the same, bit for bit.
+    workers : None, int, concurrent.futures.Executor, Dask client or str
+        One thread for each core, this many threads, a pool, or a cluster: a client, "dask" for the one that there is,
+        or a scheduler's address (tcp://host:8786). The answer is the same, bit for bit, even where workers die.
     rng : int, numpy Generator or None
         The seed; None takes fresh entropy, which is recorded in `info["seed"]`.
     progress : callable, optional
@@ -113,30 +121,23 @@ def estimate(
     _check_numbers(source, problem, noise, samples, sample_size, max_samples, time_limit)
     selector = scoring.by_name(rule) if isinstance(rule, str) or not _is_object(rule, ScoringRule) else rule
     refiner = refiners.by_name(refine) if isinstance(refine, str) or not _is_object(refine, Refiner) else refine
-    automatic = samples == "auto"
     if getattr(refiner, "all_rows", False) and not hasattr(problem, "normal_equations"):
         raise ValueError(f'refine="full" needs a problem with normal_equations, {type(problem).__name__} has none')
-    most, planned = _plan(selector, max_samples if samples == "auto" else samples, automatic, estimator)
-    size = _FIRST_SIZE if sample_size == "auto" else sample_size
-    if size >= len(source) and most > 1:  # every sample would be all rows: one, with the budget of all
-        planned = planned.with_budget(min(most, _ALL_ROWS_BUDGET) if automatic else most)
-        most = 1
-    elif automatic:
-        most = min(most, max(_FIRST_ROUND, _MOST_PASSES * len(source) // size))
-    deadline = None if time_limit is None else time.perf_counter() + time_limit
-    task = SampleTask(source, problem, planned, float("nan"), size, canonical_seed(rng))
-    method = Method(
-        Search(task, most, workers, stop, progress, deadline), selector, refiner, automatic, sample_size == "auto"
-    )
+    room = _NO_BOUND if max_memory is None else rows_within(bytes_of(max_memory), source)
+    most, size, planned = _work(source, problem, estimator, selector, samples, sample_size, max_samples, room)
+    seed, deadline = canonical_seed(rng), None if time_limit is None else time.perf_counter() + time_limit
+    task = SampleTask(_kept(source, seed, room), problem, planned, float("nan"), size, seed)
+    search = Search(task, most, workers, stop, progress, deadline, room)
+    method = Method(search, selector, refiner, samples == "auto", sample_size == "auto")
     if len(source) < problem.minimal_size:
         info = method.described(Stopwatch(), ())
         return failed(
             Status.TOO_FEW, float("nan") if noise is None else noise, info, evidence=Evidence(source, problem)
         )
     result = method.run(float(noise)) if noise is not None else _run_with_measured_noise(method, estimator)
-    if getattr(refiner, "all_rows", False) and not method.search.is_late():
-        return fitted_to_all(result, workers)
-    return result
+    if getattr(refiner, "all_rows", False) and not search.is_late():
+        result = fitted_to_all(result, workers)
+    return replace(result, info=result.info | {"peak_memory": peak_memory()})
 
 
 @dataclass(frozen=True)
@@ -294,6 +295,44 @@ def _reason(problem: Problem, rows: Array, threshold: float) -> Status:
         return Status.TOO_FEW
     nothing = np.full((3, 4), np.nan)
     return Status.LOW_SUPPORT if problem.determined(nothing, rows, threshold) else Status.DEGENERATE
+
+
+def _work(
+    source: Source,
+    problem: Problem,
+    estimator: Estimator,
+    rule: ScoringRule,
+    samples: int | Auto,
+    sample_size: int | Auto,
+    max_samples: int,
+    room: int,
+) -> tuple[int, int, Estimator]:
+    """The most samples, the rows of the first ones, and the estimator with its budget, within so many rows."""
+    automatic = samples == "auto"
+    most, planned = _plan(rule, max_samples if samples == "auto" else samples, automatic, estimator)
+    size = min(_FIRST_SIZE, room // _FIRST_ROUND) if sample_size == "auto" else sample_size
+    if size >= len(source) and most > 1:  # every sample would be all rows: one, with the budget of all
+        planned = planned.with_budget(min(most, _ALL_ROWS_BUDGET) if automatic else most)
+        most = 1
+    elif automatic:
+        most = min(most, max(_FIRST_ROUND, _MOST_PASSES * len(source) // max(size, 1)))
+    needed = min(size, len(source)) * (min(most, _FIRST_ROUND) if automatic else most)
+    if needed > room or size < problem.minimal_size:
+        least = bytes_for(max(needed, _FIRST_ROUND * problem.minimal_size), source)
+        raise ValueError(
+            f"max_memory is too little for {needed} sampled rows and what reading them takes: at least "
+            f"{least / 1e6:.0f} MB; give more, fewer samples, or a file with smaller row groups or chunks"
+        )
+    return most, size, planned
+
+
+def _kept(source: Source, seed: int, room: int) -> Source:
+    """The source; one of blocks with the rows that will be asked for first, from one reading of the blocks."""
+    if not hasattr(source, "block_starts"):
+        return source
+    held = HeldSource(source)
+    held.take(union_rows(len(source), 0, seed, min(_READ_AT_ONCE, room)))
+    return held
 
 
 def _plan(rule: ScoringRule, most: int, automatic: bool, estimator: Estimator) -> tuple[int, Estimator]:

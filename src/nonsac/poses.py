@@ -39,6 +39,7 @@ def relative_pose(
     sample_size: int | Auto = "auto",
     max_samples: int = 100,
     time_limit: float | None = None,
+    max_memory: int | str | None = None,
     estimator: Estimator | None = None,
     rule: str | ScoringRule = "tlp_0.1",
     refine: str | Refiner = "polish",
@@ -62,7 +63,7 @@ def relative_pose(
         where it is left out. Rows with a Sampson residual below 5 `noise` are inliers.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit: the certainty of a dense matcher, say.
-    samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
+    samples, sample_size, max_samples, time_limit, max_memory, estimator, rule, refine, workers, rng, progress
         As in `nonsac.estimate`; the default estimator is `Ransac` with the five-point method, local optimisation and
         early stopping.
 
@@ -98,6 +99,7 @@ def relative_pose(
         sample_size=sample_size,
         max_samples=max_samples,
         time_limit=time_limit,
+        max_memory=max_memory,
         estimator=estimator,
         rule=rule,
         refine=refine,
@@ -118,6 +120,7 @@ def absolute_pose(
     sample_size: int | Auto = "auto",
     max_samples: int = 100,
     time_limit: float | None = None,
+    max_memory: int | str | None = None,
     estimator: Estimator | None = None,
     rule: str | ScoringRule = "tlp_0.1",
     refine: str | Refiner = "polish",
@@ -143,7 +146,7 @@ def absolute_pose(
         behind the camera never are.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit.
-    samples, sample_size, max_samples, time_limit, estimator, rule, refine, workers, rng, progress
+    samples, sample_size, max_samples, time_limit, max_memory, estimator, rule, refine, workers, rng, progress
         As in `relative_pose`, with P3P in place of the five-point method.
 
     Returns
@@ -174,6 +177,7 @@ def absolute_pose(
         sample_size=sample_size,
         max_samples=max_samples,
         time_limit=time_limit,
+        max_memory=max_memory,
         estimator=estimator,
         rule=rule,
         refine=refine,

@@ -108,7 +108,7 @@ class SampleWithRows:
 
 @dataclass
 class Search:
-    """The samples drawn so far, and what ends the drawing."""
+    """The samples drawn so far, and what ends the drawing: `room` bounds the rows of all samples."""
 
     task: SampleTask
     most: int
@@ -116,6 +116,7 @@ class Search:
     stop: Stop | None
     progress: Callable[[int, int], object] | None
     deadline: float | None
+    room: int = 2**62
     hypotheses: list[Hypothesis] = field(default_factory=list)
     stopped: bool = False
     late: bool = False
@@ -126,14 +127,14 @@ class Search:
 
     def draw(self, count: int) -> None:
         """Estimate in so many further samples, or fewer."""
-        count = min(count, self.most - len(self.hypotheses))
+        count = min(count, self._left())
         before = len(self.hypotheses)
         for hypothesis in ordered_map(self._travelling(), count, self.workers):
             self.hypotheses.append(hypothesis)
             if self.progress is not None:
                 self.progress(len(self.hypotheses), self.most)
             self.stopped = self.stop is not None and self.stop(self.hypotheses, self.task.problem)
-            self.late = self.is_late() and len(self.hypotheses) < self.most
+            self.late = self.is_late() and self._left() > 0
             if self.stopped or self.late:
                 break
         self.task = self.task.after(len(self.hypotheses) - before)
@@ -150,10 +151,16 @@ class Search:
 
     @property
     def ended(self) -> bool:
-        return self.stopped or self.late or len(self.hypotheses) >= self.most
+        return self.stopped or self.late or self._left() <= 0
+
+    def _left(self) -> int:
+        """How many samples may still be drawn."""
+        size = min(self.task.sample_size, len(self.task.source))
+        return min(self.most - len(self.hypotheses), (self.room - self.task.start) // size)
 
     def union(self, at_least: int = 0) -> Array:
         """The finite rows of all samples, each once, and further ones up to a number; read when first asked for."""
+        at_least = min(at_least, self.room)
         key = (self.task.start, at_least)
         if self._union is None or self._union[0] != key:
             self._union = key, self.task.union(0, at_least)

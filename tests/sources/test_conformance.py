@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nonsac.sources
-from nonsac.sources import AllPairsSource, ArraySource, JoinedSource, Source
+from nonsac.sources import AllPairsSource, ArraySource, HeldSource, JoinedSource, Source
 
 # Class -> a source and all of its rows.
 EXAMPLES = {
@@ -15,6 +15,7 @@ EXAMPLES = {
         AllPairsSource([[1.0, 2], [3, 4], [5, 6]], np.arange(5.0)[:, None]),
         np.array([[a, b, c] for a, b in ((1.0, 2), (3, 4), (5, 6)) for c in range(5)]),
     ),
+    HeldSource: lambda: (HeldSource(ArraySource(np.arange(60.0).reshape(20, 3))), np.arange(60.0).reshape(20, 3)),
     JoinedSource: lambda: (
         JoinedSource([np.arange(40).reshape(20, 2), np.arange(20.0)[:, None]], [np.negative, None]),
         np.column_stack([-np.arange(40.0).reshape(20, 2), np.arange(20.0)]),

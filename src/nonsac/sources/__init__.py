@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from nonsac.sources.all_pairs import AllPairsSource
 from nonsac.sources.array import ArraySource
+from nonsac.sources.held import HeldSource
 from nonsac.sources.joined import JoinedSource
 
-__all__ = ["AllPairsSource", "ArraySource", "JoinedSource", "Source"]
+__all__ = ["AllPairsSource", "ArraySource", "HeldSource", "JoinedSource", "Source"]
 
 
 @runtime_checkable

@@ -1,0 +1,56 @@
+"""How much memory an estimate takes, and how many rows fit into a given one."""
+
+from __future__ import annotations
+
+import re
+import sys
+from typing import Any
+
+import numpy as np
+
+_FACTORS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "KI": 2**10, "MI": 2**20, "GI": 2**30, "TI": 2**40}
+_PATTERN = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]I?)?B?\s*", re.IGNORECASE)
+
+_FIXED = 6 * 10**6
+_TIMES = 10  # numbers that are held, at the peak, for each number of the sampled rows: measured, 7 to 9
+_BLOCKS = 2  # one is decoded from the other
+
+
+def bytes_of(text: object, name: str = "max_memory") -> int:
+    """A number of bytes, from a number or from words such as "500 MB" and "2GiB".
+
+    Raises
+    ------
+    ValueError
+        Where it is neither; the message has `name`.
+    """
+    match = _PATTERN.fullmatch(text) if isinstance(text, str) else None
+    try:
+        if match:
+            text = float(match[1]) * _FACTORS[(match[2] or "").upper()]
+        if isinstance(text, (int, float)) and not isinstance(text, bool) and 0 < text < 2**62:
+            return int(text)
+    except ValueError:  # 1.2.3
+        pass
+    raise ValueError(f'{name} must be a positive number of bytes, or words such as "500 MB", got {text!r}')
+
+
+def rows_within(max_memory: int, source: Any) -> int:
+    """How many sampled rows of a source fit into so many bytes, beside what this process holds already."""
+    return max(0, max_memory - bytes_for(0, source)) // (_TIMES * 8 * source.width)
+
+
+def bytes_for(rows: int, source: Any) -> int:
+    """How many bytes an estimate from so many sampled rows takes at its peak, about."""
+    block = int(np.diff(getattr(source, "block_starts", (0, 0))).max(initial=0))
+    return _FIXED + 8 * source.width * (_BLOCKS * block + _TIMES * rows)
+
+
+def peak_memory() -> int | None:
+    """The most bytes that this process has held at once so far, shared libraries included; None where nobody tells."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

@@ -1,0 +1,66 @@
+"""Rows of a source of blocks that have been read once, and are kept."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from nonsac.sources import Source
+
+
+class HeldSource:
+    """A source of which no row is read twice: `take` keeps what it reads.
+
+    To take a row from a compressed block is to read the block. A random sample has rows in nearly all blocks, so one
+    reading serves all samples where these are asked for together. What is kept does not travel: in a pickle this is the
+    source itself, and tasks elsewhere are sent the rows of their sample.
+    """
+
+    in_memory = True
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self._forget()
+
+    def _forget(self) -> None:
+        self._indices = np.empty(0, np.int64)
+        self._rows = np.empty((0, self.source.width))
+        self._lock = threading.Lock()
+
+    @property
+    def width(self) -> int:
+        return self.source.width
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        wanted = np.asarray(indices, np.int64)
+        with self._lock:
+            missing = np.setdiff1d(wanted, self._indices)
+            if len(missing):
+                places = np.searchsorted(self._indices, missing)
+                self._rows = np.insert(self._rows, places, self.source.take(missing), axis=0)
+                self._indices = np.insert(self._indices, places, missing)
+            return self._rows[np.searchsorted(self._indices, wanted)]
+
+    def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
+        return self.source.chunks(rows, start, stop)
+
+    def __getstate__(self) -> Source:
+        return self.source
+
+    def __setstate__(self, source: Source) -> None:
+        self.source = source
+        self._forget()
+
+    def __getattr__(self, name: str) -> Any:
+        """What the source has besides, such as its `block_starts`."""
+        if name.startswith("_") or name == "source":
+            raise AttributeError(name)
+        return getattr(self.source, name)
