@@ -15,7 +15,16 @@ if TYPE_CHECKING:
     from nonsac.poses import absolute_pose, relative_pose
     from nonsac.problems import AbsolutePose, OrientedRegistration, Registration, RelativePose, Weighted
     from nonsac.result import Alternative, FailedEstimation, Hypothesis, Result, Status
-    from nonsac.sources import AllPairsSource, ArraySource, JoinedSource
+    from nonsac.sources import (
+        AllPairsSource,
+        ArraySource,
+        Hdf5Source,
+        JoinedSource,
+        LasSource,
+        NpySource,
+        RawSource,
+        ZarrSource,
+    )
 
 __version__ = version("nonsac")
 
@@ -26,17 +35,22 @@ __all__ = [
     "ArraySource",
     "Camera",
     "FailedEstimation",
+    "Hdf5Source",
     "Hypothesis",
     "JoinedSource",
+    "LasSource",
+    "NpySource",
     "OrientedPairs",
     "OrientedRegistration",
     "Pcr99",
     "Ransac",
+    "RawSource",
     "Registration",
     "RelativePose",
     "Result",
     "Status",
     "Weighted",
+    "ZarrSource",
     "absolute_pose",
     "estimate",
     "evaluation",
@@ -55,7 +69,16 @@ _HOMES = {
     "nonsac.poses": ("absolute_pose", "relative_pose"),
     "nonsac.problems": ("AbsolutePose", "OrientedRegistration", "Registration", "RelativePose", "Weighted"),
     "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Result", "Status"),
-    "nonsac.sources": ("AllPairsSource", "ArraySource", "JoinedSource"),
+    "nonsac.sources": (
+        "AllPairsSource",
+        "ArraySource",
+        "Hdf5Source",
+        "JoinedSource",
+        "LasSource",
+        "NpySource",
+        "RawSource",
+        "ZarrSource",
+    ),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

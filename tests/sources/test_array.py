@@ -1,6 +1,9 @@
+import pickle
+
 import numpy as np
 import pytest
 
+from nonsac.io import InputError
 from nonsac.sources import ArraySource
 
 LAYOUTS = {
@@ -51,3 +54,47 @@ def test_other_shapes_are_refused_by_name(shape):
 def test_other_dtypes_are_refused_by_name(wrong):
     with pytest.raises(TypeError, match="rows must be an array of real numbers"):
         ArraySource(wrong)
+
+
+VIEWS = {
+    "all": lambda rows: rows,
+    "some rows": lambda rows: rows[5:],
+    "reversed": lambda rows: rows[::-2],
+    "some columns": lambda rows: rows[:, 1:3],
+    "plain array": lambda rows: np.asarray(rows)[3:],
+    "transposed": lambda rows: rows.T[:, :9],
+}
+
+
+@pytest.mark.parametrize("order", "CF")
+@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
+def test_a_memory_map_travels_as_a_description(tmp_path, order, view):
+    np.save(tmp_path / "rows.npy", np.asarray(np.arange(40_000, dtype=">i4").reshape(-1, 4), order=order))
+    rows = view(np.load(tmp_path / "rows.npy", mmap_mode="r"))
+    told = pickle.dumps(ArraySource(rows))
+    assert len(told) < 1000
+    there = pickle.loads(told)
+    np.testing.assert_array_equal(there.take(np.arange(len(rows))), rows)
+    assert len(pickle.dumps(there)) < 1000
+
+
+@pytest.mark.parametrize("kind", ["copy on write", "file gone", "copy", "empty"])
+def test_what_is_not_in_the_file_travels_itself(tmp_path, kind):
+    np.save(tmp_path / "rows.npy", np.arange(400.0).reshape(-1, 4))
+    rows = np.load(tmp_path / "rows.npy", mmap_mode="c" if kind == "copy on write" else "r")
+    if kind == "copy on write":
+        rows[7] = -1.0
+    if kind == "file gone":
+        (tmp_path / "rows.npy").unlink()
+    rows = rows[:0] if kind == "empty" else rows[[1, 7]] if kind == "copy" else rows
+    there = pickle.loads(pickle.dumps(ArraySource(rows)))
+    np.testing.assert_array_equal(there.rows, rows)
+
+
+@pytest.mark.parametrize("damage", [lambda path: path.unlink(), lambda path: path.write_bytes(bytes(200))])
+def test_a_map_that_cannot_be_opened_there_is_refused(tmp_path, damage):
+    np.save(tmp_path / "rows.npy", np.arange(400.0).reshape(-1, 4))
+    told = pickle.dumps(ArraySource(np.load(tmp_path / "rows.npy", mmap_mode="r")))
+    damage(tmp_path / "rows.npy")
+    with pytest.raises(InputError, match=r"rows\.npy: cannot be mapped again"):
+        pickle.loads(told)

@@ -1,7 +1,9 @@
+import pickle
+
 import numpy as np
 import pytest
 
-from nonsac.sources.blocks import BlockSource
+from nonsac.sources.blocks import BlockSource, EvenBlockSource, block_rows
 
 ROWS = np.arange(30.0).reshape(10, 3)
 
@@ -48,3 +50,46 @@ def test_no_rows():
     assert len(source) == 0
     assert list(source.chunks(5)) == []
     assert source.take(np.empty(0, np.int64)).shape == (0, 3)
+
+
+@pytest.mark.parametrize("number", [-1, 10])
+def test_a_row_that_does_not_exist_is_an_error(number):
+    with pytest.raises(IndexError, match=f"no row {number}: rows are numbered from 0 to 9"):
+        Counting().take(np.array([3, number]))
+
+
+class Even(EvenBlockSource):
+    def __init__(self, rows, size):
+        super().__init__(rows, size, 3, stored=1000)
+
+    def read_block(self, block):
+        return ROWS[slice(*self.bounds(block))].copy()
+
+
+@pytest.mark.parametrize(
+    ("rows", "size", "starts"), [(10, 4, [0, 4, 8, 10]), (8, 4, [0, 4, 8]), (3, 4, [0, 3]), (0, 4, [0])]
+)
+def test_even_blocks(rows, size, starts):
+    source = Even(rows, size)
+    np.testing.assert_array_equal(source.block_starts, starts)
+    np.testing.assert_array_equal(source.take(np.arange(rows)[::-1]), ROWS[:rows][::-1])
+
+
+def test_starts_of_even_blocks_do_not_travel():
+    source = Even(10**6, 2)
+    told = pickle.dumps(source)
+    assert len(told) < 200
+    np.testing.assert_array_equal(pickle.loads(told).block_starts, source.block_starts)
+
+
+def test_bytes_of_even_blocks():
+    source = Even(10, 2)
+    assert [source.bytes_to_take(rows) for rows in (0, 1, 10**6)] == [0, 200, 1000]
+
+
+@pytest.mark.parametrize(
+    ("chunk", "width", "rows"),
+    [(1000, 4, 65_000), (1, 4, 65_536), (70_000, 4, 70_000), (40_000, 4, 40_000), (7, 10**6, 7)],
+)
+def test_blocks_are_whole_chunks_of_about_2_mib(chunk, width, rows):
+    assert block_rows(chunk, width) == rows

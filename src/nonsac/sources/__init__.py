@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol, runtime_checkable
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,40 @@ from nonsac.sources.array import ArraySource
 from nonsac.sources.held import HeldSource
 from nonsac.sources.joined import JoinedSource
 
-__all__ = ["AllPairsSource", "ArraySource", "HeldSource", "JoinedSource", "Source"]
+if TYPE_CHECKING:
+    from nonsac.sources.hdf5 import Hdf5Source
+    from nonsac.sources.las import LasSource
+    from nonsac.sources.npy import NpySource
+    from nonsac.sources.raw import RawSource
+    from nonsac.sources.zarr import ZarrSource
+
+__all__ = [
+    "AllPairsSource",
+    "ArraySource",
+    "Hdf5Source",
+    "HeldSource",
+    "JoinedSource",
+    "LasSource",
+    "NpySource",
+    "RawSource",
+    "Source",
+    "ZarrSource",
+]
+
+_OF_FILES = {
+    "Hdf5Source": "hdf5",
+    "LasSource": "las",
+    "NpySource": "npy",
+    "RawSource": "raw",
+    "ZarrSource": "zarr",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use what reads files."""
+    if name in _OF_FILES:
+        return getattr(import_module(f"nonsac.sources.{_OF_FILES[name]}"), name)
+    raise AttributeError(f"module 'nonsac.sources' has no attribute {name!r}")
 
 
 @runtime_checkable

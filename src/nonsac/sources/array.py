@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import mmap
+import os
 from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
 class ArraySource:
-    """Rows of a (n, D) array of any real dtype and memory order; the array is neither copied nor converted whole."""
+    """Rows of a (n, D) array of any real dtype and memory order; the array is neither copied nor converted whole.
+
+    A memory map, or a view of one, travels to workers as a description of where it lies in its file.
+    """
 
     def __init__(self, rows: ArrayLike) -> None:
         if np.ma.isMaskedArray(rows):
@@ -38,3 +44,52 @@ class ArraySource:
         stop = len(self) if stop is None else min(stop, len(self))
         for first in range(start, stop, rows):
             yield np.array(self.rows[first : min(first + rows, stop)], np.float64, order="C")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"rows": _mapping_of(self.rows) or self.rows}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        rows = state["rows"]
+        self.rows = rows.map_again() if isinstance(rows, _Mapping) else rows
+
+
+class _Mapping(NamedTuple):
+    """Where an array lies in a file: its first number, and the bytes on either side of it that it takes up."""
+
+    filename: str
+    position: int
+    before: int
+    after: int
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]
+
+    def map_again(self) -> NDArray[Any]:
+        start = self.position - self.before
+        try:
+            content = np.memmap(self.filename, np.uint8, "r", offset=start, shape=(self.before + self.after,))
+        except (OSError, ValueError) as error:
+            from nonsac.io.errors import input_error
+
+            problem = f"cannot be mapped again ({error})"
+            raise input_error(self.filename, problem, "keep it as it was, where every worker can read it") from error
+        return np.ndarray(self.shape, self.dtype, content, self.before, self.strides)
+
+
+def _mapping_of(rows: NDArray[Any]) -> _Mapping | None:
+    """The description of an array that shares the memory of a mapped file, if it is one."""
+    owner: Any = rows
+    while isinstance(owner, np.ndarray) and not isinstance(owner.base, mmap.mmap):
+        owner = owner.base
+    if (
+        not isinstance(owner, np.memmap)
+        or not rows.size
+        or owner.mode == "c"
+        or not os.path.isfile(owner.filename or "")
+    ):
+        return None
+    reach = [(length - 1) * stride for length, stride in zip(rows.shape, rows.strides, strict=True)]
+    before = -sum(min(step, 0) for step in reach)
+    after = sum(max(step, 0) for step in reach) + rows.itemsize
+    position = owner.offset + rows.ctypes.data - owner.ctypes.data
+    return _Mapping(str(owner.filename), position, before, after, rows.dtype, rows.shape, rows.strides)

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from nonsac.sources.records import check_rows
+
+_BLOCK_BYTES = 2 << 20
 
 
 class BlockSource(ABC):
@@ -32,7 +37,7 @@ class BlockSource(ABC):
         return int(self.block_starts[-1])
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        indices = np.asarray(indices, np.int64)
+        indices = check_rows(indices, len(self))
         taken = np.empty((len(indices), self.width))
         order = np.argsort(indices, kind="stable")
         bounds = np.searchsorted(indices[order], self.block_starts)
@@ -60,3 +65,50 @@ class BlockSource(ABC):
         for block, (first, last) in enumerate(zip(self.block_starts[:-1], self.block_starts[1:], strict=True)):
             if max(start, first) < min(stop, last):
                 yield self.read_block(block)[max(start - first, 0) : stop - first]
+
+
+class EvenBlockSource(BlockSource):
+    """Blocks of equally many rows but for the last one; the block starts do not travel.
+
+    Parameters
+    ----------
+    rows : int
+        Number of rows in all.
+    block_rows : int
+        Rows in a block.
+    width : int
+        Number of columns, D.
+    stored : int
+        Bytes of all blocks, about.
+    """
+
+    def __init__(self, rows: int, block_rows: int, width: int, stored: int) -> None:
+        self.rows, self.block_rows, self.stored = rows, block_rows, stored
+        super().__init__(self._starts(), width)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "block_starts"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.block_starts = self._starts()
+
+    def bounds(self, block: int) -> tuple[int, int]:
+        """The first row of a block, and the first one after it."""
+        return int(self.block_starts[block]), int(self.block_starts[block + 1])
+
+    def bytes_to_take(self, rows: int) -> int:
+        """What has to be read for so many random rows: all of the blocks that are likely to hold one."""
+        missed = (1 - self.block_rows / max(self.rows, self.block_rows)) ** rows
+        return round(self.stored * (1 - missed))
+
+    def _starts(self) -> NDArray[np.int64]:
+        return np.append(np.arange(0, self.rows, self.block_rows, dtype=np.int64), self.rows)
+
+
+def block_rows(chunk_rows: int, width: int) -> int:
+    """Rows of a block made of whole chunks: one, or as many as make 2 MiB of float64.
+
+    Opening a file and finding a chunk takes about a millisecond, as long as decoding so much.
+    """
+    return chunk_rows * max(1, _BLOCK_BYTES // (8 * width) // chunk_rows)
