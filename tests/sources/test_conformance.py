@@ -6,17 +6,69 @@ import numpy as np
 import pytest
 
 import nonsac.sources
-from nonsac.sources import AllPairsSource, ArraySource, HeldSource, JoinedSource, Source
+from nonsac.sources import (
+    AllPairsSource,
+    ArraySource,
+    Hdf5Source,
+    HeldSource,
+    JoinedSource,
+    LasSource,
+    NpySource,
+    RawSource,
+    Source,
+    ZarrSource,
+)
 
-# Class -> a source and all of its rows.
+ROWS = np.arange(60.0).reshape(20, 3)
+
+
+def raw(folder):
+    (folder / "rows.bin").write_bytes(ROWS.astype(">f4").tobytes())
+    return RawSource(folder / "rows.bin", ">f4", 3), ROWS
+
+
+def npy(folder):
+    np.save(folder / "rows.npy", np.asfortranarray(ROWS))
+    return NpySource(folder / "rows.npy"), ROWS
+
+
+def hdf5(folder):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(folder / "rows.h5", "w") as file:
+        file.create_dataset("rows", data=ROWS, chunks=(7, 3), compression="gzip")
+    return Hdf5Source(folder / "rows.h5", "rows"), ROWS
+
+
+def zarr(folder):
+    library = pytest.importorskip("zarr")
+    library.save_array(str(folder / "rows.zarr"), ROWS)
+    return ZarrSource(folder / "rows.zarr"), ROWS
+
+
+def laz(folder):
+    laspy = pytest.importorskip("laspy")
+    pytest.importorskip("lazrs")
+    cloud = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+    cloud.header.scales = np.ones(3)
+    cloud.X, cloud.Y, cloud.Z = ROWS.T.astype(np.int32)
+    cloud.write(folder / "rows.laz")
+    return LasSource(folder / "rows.laz"), ROWS
+
+
+# Class -> a source, which may lie in a folder, and all of its rows.
 EXAMPLES = {
-    ArraySource: lambda: (ArraySource(np.arange(60.0).reshape(20, 3)), np.arange(60.0).reshape(20, 3)),
-    AllPairsSource: lambda: (
+    Hdf5Source: hdf5,
+    LasSource: laz,
+    NpySource: npy,
+    RawSource: raw,
+    ZarrSource: zarr,
+    ArraySource: lambda _: (ArraySource(np.arange(60.0).reshape(20, 3)), np.arange(60.0).reshape(20, 3)),
+    AllPairsSource: lambda _: (
         AllPairsSource([[1.0, 2], [3, 4], [5, 6]], np.arange(5.0)[:, None]),
         np.array([[a, b, c] for a, b in ((1.0, 2), (3, 4), (5, 6)) for c in range(5)]),
     ),
-    HeldSource: lambda: (HeldSource(ArraySource(np.arange(60.0).reshape(20, 3))), np.arange(60.0).reshape(20, 3)),
-    JoinedSource: lambda: (
+    HeldSource: lambda _: (HeldSource(ArraySource(ROWS)), ROWS),
+    JoinedSource: lambda _: (
         JoinedSource([np.arange(40).reshape(20, 2), np.arange(20.0)[:, None]], [np.negative, None]),
         np.column_stack([-np.arange(40.0).reshape(20, 2), np.arange(20.0)]),
     ),
@@ -25,9 +77,9 @@ EXPORTED = [getattr(nonsac.sources, name) for name in nonsac.sources.__all__ if 
 
 
 @pytest.fixture(params=EXPORTED, ids=lambda kind: kind.__name__)
-def example(request):
+def example(request, tmp_path):
     assert request.param in EXAMPLES, f"add an example of {request.param.__name__} to EXAMPLES"
-    return EXAMPLES[request.param]()
+    return EXAMPLES[request.param](tmp_path)
 
 
 def test_follows_the_protocol(example):

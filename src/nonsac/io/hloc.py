@@ -1,16 +1,16 @@
 """Read the matches between two images from the features.h5 and matches.h5 of hloc."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.io.arrays import as_rows
-from nonsac.io.content import check_kind
 from nonsac.io.correspondences import Matches, Points
-from nonsac.io.errors import FilePath, InputError, input_error, library_missing, not_held
+from nonsac.io.errors import FilePath, input_error, not_held
+from nonsac.io.hdf5 import open_hdf5
+
+_NEEDS = ("the files of hloc", "hloc")
 
 
 def read_hloc(features: FilePath, matches: FilePath, image1: str, image2: str) -> Matches:
@@ -38,9 +38,9 @@ def read_hloc(features: FilePath, matches: FilePath, image1: str, image2: str) -
         If h5py is missing, a file cannot be read, is no HDF5 file, is truncated or damaged, does not hold the
         images or the pair, or the files do not fit each other.
     """
-    with _open(features) as file:
+    with open_hdf5(features, *_NEEDS) as file:
         keypoints = [_read_keypoints(features, file, image) for image in (image1, image2)]
-    with _open(matches) as file:
+    with open_hdf5(matches, *_NEEDS) as file:
         pair, swapped = _find_pair(matches, file, image1, image2)
         partners = _read(matches, pair, "matches0", "i")
         scores = _read(matches, pair, "matching_scores0", "iuf") if "matching_scores0" in pair else None
@@ -94,26 +94,3 @@ def _read(path: FilePath, group: Any, name: str, kinds: str) -> NDArray[Any]:
         problem = f"the data set {name} has the shape {array.shape} and the type {array.dtype}"
         raise input_error(path, problem, "write it with hloc: one number for every keypoint")
     return array
-
-
-@contextmanager
-def _open(path: FilePath) -> Iterator[Any]:
-    h5py = _import_h5py(path)
-    check_kind(path, "HDF5 file")
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except InputError:
-        raise
-    # h5py passes on the errors of the HDF5 library as OSError, KeyError, RuntimeError and others.
-    except Exception as error:
-        problem = f"is truncated, damaged or being written ({error})"
-        raise input_error(path, problem, "close it elsewhere, or copy or compute it again") from error
-
-
-def _import_h5py(path: FilePath) -> Any:
-    try:
-        import h5py  # type: ignore[import-untyped,unused-ignore]
-    except ImportError as error:
-        raise library_missing(path, "the files of hloc", "h5py", "hloc") from error
-    return h5py

@@ -1,0 +1,180 @@
+import pickle
+import sys
+
+import numpy as np
+import pytest
+
+from nonsac.sources import Hdf5Source, hdf5
+
+h5py = pytest.importorskip("h5py")
+
+WRITTEN = {
+    "contiguous": {},
+    "chunked": {"chunks": (7, 2)},
+    "compressed": {"chunks": (64, 3), "compression": "gzip", "shuffle": True, "fletcher32": True},
+}
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "rows.h5"
+
+
+def write(path, userblock=0, options=(), **datasets):
+    with h5py.File(path, "w", userblock_size=userblock) as file:
+        for name, rows in datasets.items():
+            file.create_dataset(name, data=rows, **dict(options))
+
+
+@pytest.mark.parametrize("dtype", ["<f8", ">f8", "<f4", "f2", "i1", "u1", ">i2", "u4", "i8"])
+@pytest.mark.parametrize("options", WRITTEN.values(), ids=WRITTEN)
+def test_rows_of_any_dtype(path, rng, monkeypatch, dtype, options):
+    monkeypatch.setattr(hdf5, "block_rows", lambda chunk, width: 2 * chunk)
+    rows = rng.integers(0, 100, (500, 3)).astype(dtype)
+    write(path, options=options, rows=rows)
+    indices = rng.integers(0, 500, 40)
+    for columns in (None, [2, 0], [1], [1, 1]):
+        source, chosen = Hdf5Source(path, "rows", columns), rows[:, slice(None) if columns is None else columns]
+        assert (len(source), source.width) == chosen.shape
+        np.testing.assert_array_equal(source.take(indices), chosen[indices])
+        np.testing.assert_array_equal(np.vstack(list(source.chunks(130, 9, 480))), chosen[9:480])
+
+
+@pytest.mark.parametrize("options", [{}, {"chunks": True}], ids=["contiguous", "chunked"])
+def test_datasets_side_by_side(path, rng, options):
+    x, y, uv = rng.normal(size=300), np.arange(300, dtype="i2"), rng.normal(size=(300, 2)).astype("f4")
+    write(path, options=options, **{"deep/x": x, "y": y, "uv": uv})
+    indices = rng.integers(0, 300, 50)
+    source = Hdf5Source(path, ["uv", "deep/x", "y"])
+    np.testing.assert_array_equal(source.take(indices), np.column_stack([uv, x, y])[indices])
+    assert source.names is None
+    mixed = Hdf5Source(path, ["uv", "deep/x", "y"], [1, 3, 0])
+    np.testing.assert_array_equal(mixed.take(indices), np.column_stack([uv[:, 1], y, uv[:, 0]])[indices])
+    named = Hdf5Source(path, ("deep/x", "y"), ["y", 0])
+    assert named.names == ("y", "deep/x")
+    np.testing.assert_array_equal(named.take(indices), np.column_stack([y, x])[indices])
+
+
+def test_contiguous_beside_chunked(path, rng):
+    rows = rng.normal(size=(300, 3))
+    with h5py.File(path, "w") as file:
+        file["a"] = rows[:, :2]
+        file.create_dataset("b", data=rows[:, 2], chunks=(50,))
+    source = Hdf5Source(path, ["a", "b"])
+    np.testing.assert_array_equal(source.take(np.array([299, 1])), rows[[299, 1]])
+    assert len(source.block_starts) > 1
+    assert not hasattr(Hdf5Source(path, "a"), "block_starts")
+
+
+def test_contiguous_rows_are_read_without_hdf5(path, monkeypatch):
+    write(path, rows=np.arange(30.0).reshape(10, 3))
+    source = Hdf5Source(path, "rows")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    np.testing.assert_array_equal(source.take(np.array([4])), [[12, 13, 14]])
+    assert source.bytes_to_take(1) == 240
+
+
+def test_a_user_block_comes_before_the_rows(path):
+    write(path, userblock=512, rows=np.arange(30.0).reshape(10, 3))
+    np.testing.assert_array_equal(Hdf5Source(path, "rows").take(np.array([4])), [[12, 13, 14]])
+
+
+def test_numbers_of_few_bits_are_read_by_hdf5(path):
+    """Their bytes are not those of NumPy's dtype."""
+    kind = h5py.h5t.STD_I32LE.copy()
+    kind.set_precision(12)
+    kind.set_offset(4)
+    with h5py.File(path, "w") as file:
+        dataset = h5py.h5d.create(file.id, b"rows", kind, h5py.h5s.create_simple((4, 2)))
+        dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.arange(8, dtype="i4").reshape(4, 2))
+    source = Hdf5Source(path, "rows")
+    np.testing.assert_array_equal(source.take(np.arange(4)), np.arange(8).reshape(4, 2))
+
+
+def test_what_was_never_written_has_the_fill_value(path):
+    with h5py.File(path, "w") as file:
+        file.create_dataset("rows", (10, 3), "f8", fillvalue=7.0)
+    np.testing.assert_array_equal(Hdf5Source(path, "rows").take(np.array([4])), [[7, 7, 7]])
+
+
+def test_only_blocks_that_hold_a_row_are_read(path, monkeypatch):
+    monkeypatch.setattr(hdf5, "block_rows", lambda chunk, width: chunk)
+    write(path, options={"chunks": (100, 3)}, rows=np.zeros((1000, 3)))
+    source, read = Hdf5Source(path, "rows"), []
+    np.testing.assert_array_equal(source.block_starts, np.arange(0, 1001, 100))
+    inner = type(source._rows)
+    read_block = inner.read_block
+    monkeypatch.setattr(inner, "read_block", lambda self, block: read.append(block) or read_block(self, block))
+    source.take(np.array([950, 301, 399, 303]))
+    assert read == [3, 9]
+    assert source.bytes_to_take(1) == 2400
+
+
+@pytest.mark.parametrize("options", WRITTEN.values(), ids=WRITTEN)
+def test_travels_as_a_short_description(path, options):
+    rows = np.arange(30_000.0).reshape(-1, 3)
+    write(path, options=options, rows=rows)
+    source = Hdf5Source(path, "rows")
+    source.take(np.array([1]))
+    told = pickle.dumps(source)
+    assert len(told) < 2000
+    np.testing.assert_array_equal(pickle.loads(told).take(np.array([9, 0])), rows[[9, 0]])
+    assert repr(source) == f"Hdf5Source({str(path)!r}: 10000 x 3)"
+
+
+@pytest.mark.parametrize("options", WRITTEN.values(), ids=WRITTEN)
+def test_a_file_that_changes_or_goes_is_noticed(path, refused, change, options):
+    write(path, options=options, rows=np.zeros((500, 3)))
+    source, other = Hdf5Source(path, "rows"), Hdf5Source(path, "rows")
+    change(path)
+    assert "was changed while it was read" in refused(path, source.take, np.array([1]))
+    assert "was changed while it was read" in refused(path, list, source.chunks(5))
+    path.unlink()
+    assert "no such file" in refused(path, other.take, np.array([1]))
+
+
+@pytest.mark.parametrize(
+    ("dataset", "problem"),
+    [
+        ("b", "holds no dataset 'b' (it holds a, deep/f, i, s)"),
+        ("deep", "holds no dataset 'deep'"),
+        ("s", "holds a dataset 's' of type object"),
+        ("i", "holds an array of shape (2, 2, 2), not (n, d) or (n,)"),
+        (["a", "deep/f"], "its arrays have 4, 3 rows"),
+        ([], "its arrays have no rows"),
+    ],
+)
+def test_other_datasets_are_refused(path, refused, dataset, problem):
+    write(path, **{"a": np.zeros((4, 3)), "deep/f": np.zeros(3), "i": np.zeros((2, 2, 2)), "s": ["a", "b"]})
+    assert problem in refused(path, Hdf5Source, path, dataset)
+
+
+def test_columns_it_does_not_hold(path, refused):
+    write(path, a=np.zeros((4, 3)), x=np.zeros(4), y=np.zeros(4))
+    assert "holds no column 3 (it holds 0, 1, 2)" in refused(path, Hdf5Source, path, "a", [3])
+    assert "holds no column 'z' (it holds x, y)" in refused(path, Hdf5Source, path, ["x", "y"], ["z"])
+
+
+def test_damaged_files(tmp_path, path, refused):
+    write(path, rows=np.zeros((400, 3)))
+    content = path.read_bytes()
+    for size in (20, 1000, len(content) - 1):
+        path.write_bytes(content[:size])
+        assert "truncated" in refused(path, Hdf5Source, path, "rows")
+    path.write_bytes(b"1 2 3\n")
+    assert "is not an HDF5 file, it looks like a text table" in refused(path, Hdf5Source, path, "rows")
+    assert "is a folder" in refused(tmp_path, Hdf5Source, tmp_path, "rows")
+
+
+def test_damaged_chunks(path, refused):
+    write(path, options=WRITTEN["compressed"], rows=np.random.default_rng(0).normal(size=(500, 3)))
+    content = bytearray(path.read_bytes())
+    content[-500:-400] = bytes(100)
+    path.write_bytes(content)
+    assert "damaged" in refused(path, list, Hdf5Source(path, "rows").chunks(100))
+
+
+def test_h5py_missing(path, refused, monkeypatch):
+    write(path, rows=np.zeros((4, 3)))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    assert refused(path, Hdf5Source, path, "rows").endswith('HDF5 files needs h5py; pip install "nonsac[hdf5]"')

@@ -1,0 +1,146 @@
+import pickle
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+from nonsac.sources import ZarrSource
+from nonsac.sources import zarr as module
+
+zarr = pytest.importorskip("zarr")
+
+FORMATS = [2, 3] if zarr.__version__ >= "3" else [2]
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "rows.zarr"
+
+
+@pytest.fixture(params=FORMATS, ids=lambda number: f"v{number}")
+def formatted(request):
+    """Options for one of the formats of Zarr."""
+    return {"zarr_format": request.param} if zarr.__version__ >= "3" else {}
+
+
+def write(store, rows, chunks=(100, 2), **options):
+    array = zarr.create(shape=rows.shape, dtype=rows.dtype, chunks=chunks, store=store, **options)
+    array[...] = rows
+
+
+@pytest.mark.parametrize("dtype", ["<f8", ">f8", "<f4", "f2", "i1", "u1", ">i2", "u4", "i8"])
+def test_rows_of_any_dtype(path, rng, monkeypatch, dtype, formatted):
+    monkeypatch.setattr(module, "block_rows", lambda chunk, width: chunk)
+    rows = rng.integers(0, 100, (450, 3)).astype(dtype)
+    write(str(path), rows, **formatted)
+    indices = rng.integers(0, 450, 10)
+    for columns in (None, [2, 0], [1, 1]):
+        source, chosen = ZarrSource(path, columns=columns), rows[:, slice(None) if columns is None else columns]
+        assert (len(source), source.width) == chosen.shape
+        np.testing.assert_array_equal(source.block_starts, [0, 100, 200, 300, 400, 450])
+        np.testing.assert_array_equal(source.take(indices), chosen[indices])
+        np.testing.assert_array_equal(np.vstack(list(source.chunks(130, 9, 420))), chosen[9:420])
+
+
+@pytest.mark.skipif(zarr.__version__ < "3", reason="no shards")
+def test_shards_are_blocks(path, rng, monkeypatch):
+    monkeypatch.setattr(module, "block_rows", lambda chunk, width: chunk)
+    rows = rng.normal(size=(450, 3))
+    array = zarr.create_array(store=str(path), shape=rows.shape, dtype="f8", chunks=(20, 3), shards=(200, 3))
+    array[...] = rows
+    source = ZarrSource(path)
+    np.testing.assert_array_equal(source.block_starts, [0, 200, 400, 450])
+    np.testing.assert_array_equal(source.take(np.array([449, 3])), rows[[449, 3]])
+
+
+def group(path, formatted, **arrays):
+    node = zarr.open_group(str(path), mode="w", **formatted)
+    for name, rows in arrays.items():
+        write(node.store, rows, (7,) * rows.ndim, path=name, **formatted)
+
+
+def test_arrays_of_a_group_side_by_side(path, rng, formatted):
+    x, y, uv = rng.normal(size=300), np.arange(300, dtype="i2"), rng.normal(size=(300, 2)).astype("f4")
+    group(path, formatted, **{"deep/x": x, "y": y, "uv": uv})
+    indices = rng.integers(0, 300, 50)
+    source = ZarrSource(path, ["uv", "deep/x", "y"], [1, 3, 0, 2])
+    np.testing.assert_array_equal(source.take(indices), np.column_stack([uv[:, 1], y, uv[:, 0], x])[indices])
+    assert source.names is None
+    named = ZarrSource(path, ("deep/x", "y"), ["y"])
+    assert named.names == ("y",)
+    np.testing.assert_array_equal(named.take(indices), y[indices, None])
+    np.testing.assert_array_equal(ZarrSource(path, "uv").take(indices), uv[indices])
+
+
+@pytest.mark.parametrize("scheme", ["file", "memory"])
+def test_urls(path, rng, formatted, scheme):
+    pytest.importorskip("fsspec")
+    url = path.as_uri() if scheme == "file" else f"memory://{path.name}/{formatted}"
+    rows = rng.normal(size=(450, 3))
+    write(str(path) if scheme == "file" else url, rows, **formatted)
+    source = ZarrSource(url)
+    assert source.path == url
+    np.testing.assert_array_equal(source.take(np.array([449, 3])), rows[[449, 3]])
+
+
+def test_only_blocks_that_hold_a_row_are_read(path, monkeypatch):
+    monkeypatch.setattr(module, "block_rows", lambda chunk, width: chunk)
+    write(str(path), np.zeros((1000, 3)))
+    source, read = ZarrSource(path), []
+    read_block = ZarrSource.read_block
+    monkeypatch.setattr(ZarrSource, "read_block", lambda self, block: read.append(block) or read_block(self, block))
+    source.take(np.array([950, 301, 399, 303]))
+    assert read == [3, 9]
+    assert source.bytes_to_take(1) == 2400
+
+
+def test_travels_as_a_short_description(path, formatted):
+    rows = np.arange(30_000.0).reshape(-1, 3)
+    write(str(path), rows, **formatted)
+    source = ZarrSource(path)
+    source.take(np.array([1]))
+    told = pickle.dumps(source)
+    assert len(told) < 2000
+    np.testing.assert_array_equal(pickle.loads(told).take(np.array([9, 0])), rows[[9, 0]])
+    assert repr(source) == f"ZarrSource({str(path)!r}: 10000 x 3)"
+
+
+def test_an_array_that_is_gone_or_another_one(path, refused, formatted):
+    write(str(path), np.zeros((500, 3)), **formatted)
+    told = pickle.dumps(ZarrSource(path))
+    shutil.rmtree(path)
+    assert "no such file" in refused(path, pickle.loads(told).take, np.array([1]))
+    write(str(path), np.zeros((400, 3)), **formatted)
+    assert "was changed while it was read" in refused(path, pickle.loads(told).take, np.array([1]))
+
+
+def test_damaged_chunks(path, refused, formatted):
+    write(str(path), np.random.default_rng(0).normal(size=(500, 3)), **formatted)
+    for chunk in path.rglob("*"):
+        if chunk.is_file() and not chunk.name.startswith((".z", "zarr")):
+            chunk.write_bytes(chunk.read_bytes()[:-9])
+    assert "is truncated or damaged" in refused(path, list, ZarrSource(path).chunks(100))
+
+
+def test_other_arrays_are_refused(path, refused, formatted):
+    group(path, formatted, a=np.zeros((4, 3)), c=np.zeros((4, 3), complex), i=np.zeros((2, 2, 2)), x=np.zeros(3))
+    assert "is a group of arrays (it holds a, c, i, x); name one" in refused(path, ZarrSource, path)
+    assert "holds no array 'b' (it holds a, c, i, x)" in refused(path, ZarrSource, path, "b")
+    assert "holds an array of type complex128" in refused(path, ZarrSource, path, "c")
+    assert "holds an array of shape (2, 2, 2)" in refused(path, ZarrSource, path, "i")
+    assert "its arrays have 4, 3 rows" in refused(path, ZarrSource, path, ["a", "x"])
+    assert "holds no column 3 (it holds 0, 1, 2)" in refused(path, ZarrSource, path, "a", [3])
+    assert "is an array, not a group" in refused(path / "a", ZarrSource, path / "a", "x")
+
+
+def test_what_is_no_zarr_array(tmp_path, path, refused):
+    assert "no such file" in refused(path, ZarrSource, path)
+    path.write_bytes(b"1 2 3\n")
+    assert "holds no Zarr array or group" in refused(path, ZarrSource, path)
+    assert "holds no Zarr array or group" in refused(tmp_path, ZarrSource, tmp_path)
+
+
+def test_zarr_missing(path, refused, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    assert refused(path, ZarrSource, path).endswith('Zarr arrays needs zarr; pip install "nonsac[zarr]"')
