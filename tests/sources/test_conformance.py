@@ -48,8 +48,9 @@ def zarr(folder):
 def laz(folder):
     laspy = pytest.importorskip("laspy")
     pytest.importorskip("lazrs")
-    cloud = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
-    cloud.header.scales = np.ones(3)
+    header = laspy.LasHeader(point_format=0, version="1.2")
+    header.scales = np.ones(3)
+    cloud = laspy.LasData(header)
     cloud.X, cloud.Y, cloud.Z = ROWS.T.astype(np.int32)
     cloud.write(folder / "rows.laz")
     return LasSource(folder / "rows.laz"), ROWS
