@@ -54,6 +54,17 @@ def test_import_compiles_nothing_and_is_quick():
     assert not heavy & {name.split(".")[0] for name in told["modules"]}
 
 
+def test_what_reads_files_of_others_is_imported_when_used():
+    code = """
+import importlib, json, pkgutil, sys
+import nonsac.sources
+for module in pkgutil.iter_modules(nonsac.sources.__path__):
+    importlib.import_module(f"nonsac.sources.{module.name}")
+print(json.dumps(sorted(sys.modules)))
+"""
+    assert not {"h5py", "laspy", "pyarrow", "zarr", "fsspec"} & {name.split(".")[0] for name in run(code)}
+
+
 USE = """
 import json, pkgutil, importlib
 import numpy as np

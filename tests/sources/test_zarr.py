@@ -108,8 +108,11 @@ def test_travels_as_a_short_description(path, formatted):
 
 def test_an_array_that_is_gone_or_another_one(path, refused, formatted):
     write(str(path), np.zeros((500, 3)), **formatted)
-    told = pickle.dumps(ZarrSource(path))
+    source = ZarrSource(path)
+    source.take(np.array([1]))
+    told = pickle.dumps(source)
     shutil.rmtree(path)
+    assert "no such file" in refused(path, source.take, np.array([1]))
     assert "no such file" in refused(path, pickle.loads(told).take, np.array([1]))
     write(str(path), np.zeros((400, 3)), **formatted)
     assert "was changed while it was read" in refused(path, pickle.loads(told).take, np.array([1]))

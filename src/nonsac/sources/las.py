@@ -75,7 +75,6 @@ class _LazBlocks(EvenBlockSource):
         super().__init__(count, chunk, 3, file.size)
         if count:
             reader.seek(count - 1)
-            reader.read_points(1)
 
     def read_block(self, block: int) -> NDArray[np.float64]:
         first, last = self.bounds(block)

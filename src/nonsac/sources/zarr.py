@@ -34,6 +34,8 @@ class ZarrSource(EvenBlockSource):
         real numbers. Zarr takes a chunk that is not there for one of fill values; that is no error.
     """
 
+    _opened: tuple[int, list[Any]] | None = None
+
     def __init__(
         self,
         path: FilePath,
@@ -74,6 +76,7 @@ class ZarrSource(EvenBlockSource):
 
     def _open_here(self) -> list[Any]:
         """The arrays, opened once in each process."""
+        self._check_there()
         if self._opened is None or self._opened[0] != os.getpid():
             opened = self._open()
             if [tuple(each.shape) for each in opened] != self.shapes:
@@ -83,18 +86,20 @@ class ZarrSource(EvenBlockSource):
             self._opened = (os.getpid(), opened)
         return self._opened[1]
 
-    _opened: tuple[int, list[Any]] | None = None
-
     def _open(self) -> list[Any]:
         zarr = _import_zarr(self.path)
-        if "://" not in self.path and not os.path.exists(self.path):
-            raise unreadable(self.path, FileNotFoundError())
+        self._check_there()
         try:
             node = zarr.open(self.path, mode="r")
         except Exception as error:
             problem = f"holds no Zarr array or group that can be read ({_first_words(error)})"
             raise input_error(self.path, problem, "give the path or URL that it was written to") from error
         return _arrays(self.path, node, self.arrays)
+
+    def _check_there(self) -> None:
+        # Zarr itself takes what is gone for fill values.
+        if "://" not in self.path and not os.path.exists(self.path):
+            raise unreadable(self.path, FileNotFoundError())
 
 
 def _arrays(path: str, node: Any, names: tuple[str, ...] | None) -> list[Any]:
