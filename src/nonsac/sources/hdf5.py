@@ -16,7 +16,8 @@ from nonsac.sources.files import PositionedFile
 from nonsac.sources.records import Records, RecordSource, number_columns
 from nonsac.sources.wrapped import WrappedSource
 
-Run = tuple[str, list[int]]
+# A dataset, and the columns read from it.
+Run = tuple[Any, list[int]]
 
 
 class Hdf5Source(WrappedSource):
@@ -51,38 +52,38 @@ class Hdf5Source(WrappedSource):
             count, widths = common_length(file.path, shapes)
             held = wanted if all(len(shape) == 1 for shape in shapes) else None
             chosen = choose_columns(file.path, columns, sum(widths), held)
-            runs = split_columns(chosen, widths)
-            used = [datasets[number] for number, _ in runs]
-            positions = [_position(each) for each in used]
-            rows: RecordSource | EvenBlockSource
-            if all(positions):
-                parts = zip(used, positions, runs, strict=True)
-                rows = RecordSource([_records(file, each, position, chosen) for each, position, (_, chosen) in parts])
-            else:
-                rows = _Hdf5Blocks(file, count, used, [(wanted[number], columns) for number, columns in runs])
+            runs = [(datasets[number], picked) for number, picked in split_columns(chosen, widths)]
+            rows = _contiguous(file, runs) or _Hdf5Blocks(file, count, runs)
         super().__init__(rows, file.path, held and tuple(held[position] for position in chosen))
 
 
+def _contiguous(file: PositionedFile, runs: Sequence[Run]) -> RecordSource | None:
+    """The columns as records, if all of them lie in the file as in memory."""
+    parts = []
+    for dataset, columns in runs:
+        position = _position(dataset)
+        if not position:
+            return None
+        size = dataset.dtype.itemsize * (dataset.shape[1] if dataset.ndim == 2 else 1)
+        parts.append(Records(file, position, size, len(dataset), number_columns(dataset.dtype, columns)))
+    return RecordSource(parts)
+
+
 class _Hdf5Blocks(EvenBlockSource):
-    def __init__(self, file: PositionedFile, count: int, used: Sequence[Any], runs: list[Run]) -> None:
-        self.file, self.runs = file, runs
+    def __init__(self, file: PositionedFile, count: int, runs: Sequence[Run]) -> None:
+        self.file, self.columns = file, [(dataset.name, columns) for dataset, columns in runs]
         width = sum(len(columns) for _, columns in runs)
-        chunk = max(each.chunks[0] if each.chunks else 1 for each in used)
-        stored = sum({each.name: each.id.get_storage_size() for each in used}.values())
+        chunk = max(dataset.chunks[0] if dataset.chunks else 1 for dataset, _ in runs)
+        stored = sum({dataset.name: dataset.id.get_storage_size() for dataset, _ in runs}.values())
         super().__init__(count, block_rows(chunk, width), width, stored)
 
     def read_block(self, block: int) -> NDArray[np.float64]:
         first, last = self.bounds(block)
         self.file.check()
         with open_hdf5(self.file.path) as opened:
-            pieces = [read_columns(opened[name], first, last, columns) for name, columns in self.runs]
+            pieces = [read_columns(opened[name], first, last, columns) for name, columns in self.columns]
         self.file.check()
         return np.hstack(pieces)
-
-
-def _records(file: PositionedFile, dataset: Any, position: int, columns: list[int]) -> Records:
-    size = dataset.dtype.itemsize * (dataset.shape[1] if dataset.ndim == 2 else 1)
-    return Records(file, position, size, dataset.shape[0], number_columns(dataset.dtype, columns))
 
 
 def _position(dataset: Any) -> int:
