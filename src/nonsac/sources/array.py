@@ -32,7 +32,7 @@ class ArraySource:
 
     @property
     def in_memory(self) -> bool:
-        return not isinstance(self.rows, np.memmap)
+        return _mapping_of(self.rows) is None
 
     def __len__(self) -> int:
         return int(self.rows.shape[0])
