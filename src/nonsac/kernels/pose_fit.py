@@ -41,7 +41,7 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
     """
     size = 5 if columns.shape[0] == 4 else 6
     system, hessian, gradient = np.empty((size, size + 1)), np.empty((size, size)), np.empty(size)
-    directions = np.empty((6, 3, 3))
+    directions, step = np.empty((6, 3, 3)), np.empty(size)
     trial = model.copy()
     orthonormalise(model)
     cost = normal_equations(columns, weights, threshold, focals, model, directions, hessian, gradient)
@@ -58,8 +58,9 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
             return False
         length = 0.0
         for i in range(size):
-            length += system[i, size] * system[i, size]
-        move(model, system[:, size], trial)
+            step[i] = system[i, size]
+            length += step[i] * step[i]
+        move(model, step, trial)
         trial_cost = normal_equations(columns, weights, threshold, focals, trial, directions, hessian, gradient)
         if trial_cost <= cost:
             model[:] = trial

@@ -67,7 +67,7 @@ class Registration:
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:
         """Weighted least squares in closed form (Horn 1987; Umeyama 1991 for the scale)."""
         fitted = np.empty((3, 4))
-        determined = fit_similarity(rows, weights, self.scale is None, self.scale or 1.0, fitted)
+        determined = fit_similarity(np.ascontiguousarray(rows), weights, self.scale is None, self.scale or 1.0, fitted)
         return fitted if determined else np.full((3, 4), np.nan)
 
     def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
