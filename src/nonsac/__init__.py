@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from nonsac import evaluation, scoring, simulate
     from nonsac.api import register_clouds, register_pairs
+    from nonsac.batch import Job, WorkerDied, estimate_many
     from nonsac.camera import Camera
     from nonsac.estimators import OrientedPairs, Pcr99, Ransac
     from nonsac.pipeline import estimate
@@ -37,6 +38,7 @@ __all__ = [
     "FailedEstimation",
     "Hdf5Source",
     "Hypothesis",
+    "Job",
     "JoinedSource",
     "LasSource",
     "NpySource",
@@ -50,9 +52,11 @@ __all__ = [
     "Result",
     "Status",
     "Weighted",
+    "WorkerDied",
     "ZarrSource",
     "absolute_pose",
     "estimate",
+    "estimate_many",
     "evaluation",
     "register_clouds",
     "register_pairs",
@@ -63,6 +67,7 @@ __all__ = [
 
 _HOMES = {
     "nonsac.api": ("register_clouds", "register_pairs"),
+    "nonsac.batch": ("Job", "WorkerDied", "estimate_many"),
     "nonsac.camera": ("Camera",),
     "nonsac.estimators": ("OrientedPairs", "Pcr99", "Ransac"),
     "nonsac.pipeline": ("estimate",),

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing.process import BaseProcess
 from typing import Any
 
 from nonsac.executors import Workers, cores, ordered_map
+from nonsac.processes import end_with_parent
 from nonsac.reproduce.cells import RULES, Cell, Trial, TrialTask, run_trial
 from nonsac.reproduce.journal import Journal
 
@@ -113,7 +112,7 @@ def _pool(workers: int | None, tasks: int) -> Iterator[Workers]:
         yield 1
         return
     spawn = multiprocessing.get_context("spawn")  # a fork would copy the locks of running threads
-    with ProcessPoolExecutor(processes, mp_context=spawn, initializer=_end_with_parent) as pool:
+    with ProcessPoolExecutor(processes, mp_context=spawn, initializer=end_with_parent) as pool:
         try:
             yield pool
         except BrokenProcessPool as error:
@@ -121,15 +120,3 @@ def _pool(workers: int | None, tasks: int) -> Iterator[Workers]:
                 "a worker process was killed, perhaps for want of memory; finished trials are kept "
                 "where there is a journal (--json, --resume)"
             ) from error
-
-
-def _end_with_parent() -> None:
-    """Without this, processes whose parent was killed wait for work for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_outlive, args=(parent,), daemon=True).start()
-
-
-def _outlive(parent: BaseProcess) -> None:
-    parent.join()
-    os._exit(1)
