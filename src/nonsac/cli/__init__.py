@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 # The rest of nonsac is imported where it is needed: `--help` and a mistyped option answer at once.
+from nonsac.cli.batch import batch
 from nonsac.cli.messages import say, tell
 from nonsac.cli.poses import absolute_pose, relative_pose
 from nonsac.cli.registration import demo, register_clouds, register_pairs
@@ -21,7 +22,7 @@ _INTERRUPTED = 130
 
 _SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}
 app = typer.Typer(help="Robust geometric estimation from data too large or too dirty for anything else.", **_SETTINGS)
-for command in (register_clouds, register_pairs, relative_pose, absolute_pose, demo, warmup):
+for command in (register_clouds, register_pairs, relative_pose, absolute_pose, batch, demo, warmup):
     app.command()(command)
 reproduce = typer.Typer(help="Run the paper's experiments.", **_SETTINGS)
 for experiment in (table2, table4, section5):

@@ -30,7 +30,7 @@ def read_parquet(path: FilePath, choose: Callable[[Sequence[str]], Sequence[int]
     InputError
         If pyarrow is missing, or the file cannot be read, is no Parquet file, is truncated or damaged.
     """
-    parquet = _import_parquet(path)
+    parquet = import_parquet(path)
     check_kind(path, "Parquet file")
     # pyarrow passes on the errors of its codecs and of the system, which share no type.
     try:
@@ -49,7 +49,8 @@ def _damaged(path: FilePath, error: Exception) -> Exception:
     return input_error(path, f"is truncated or damaged ({error})", "copy or save the file again")
 
 
-def _import_parquet(path: FilePath) -> Any:
+def import_parquet(path: FilePath) -> Any:
+    """The module `pyarrow.parquet`, or the error that says how to install it."""
     try:
         from pyarrow import parquet  # type: ignore[import-untyped,unused-ignore]
     except ImportError as error:

@@ -1,0 +1,229 @@
+"""Many pairs in one run."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from nonsac.cli.messages import say
+from nonsac.cli.options import Quiet, positive
+from nonsac.cli.session import session
+
+if TYPE_CHECKING:
+    from nonsac.batch import Job
+    from nonsac.cli.manifest import Manifest
+    from nonsac.journal import Journal
+
+_SUFFIXES = (".jsonl", ".parquet")
+_FACTS = (
+    "success",
+    "status",
+    "confidence",
+    "T",
+    "scale",
+    "num_inliers",
+    "num_rows",
+    "inlier_ratio",
+    "noise",
+    "threshold",
+)
+
+
+class CallName(StrEnum):
+    """Choices of --call."""
+
+    relative_pose = "relative-pose"
+    absolute_pose = "absolute-pose"
+    register_pairs = "register-pairs"
+    register_clouds = "register-clouds"
+
+
+def batch(
+    manifest: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MANIFEST",
+            help="One pair in each row (.csv with a header, or .jsonl). The columns are named as the arguments and "
+            "options of the calls; file names are relative to the manifest.",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option(metavar="FILE", help="Write one line for each pair, in their order (.jsonl or .parquet).")
+    ],
+    call: Annotated[
+        CallName | None, typer.Option(show_default="the column 'call'", help="The call of rows that name none.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, show_default="all cores", help="Number of processes.")] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive, metavar="SECONDS", help="For each pair: begin no further sample after this time."
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where a run with the same manifest and output was stopped.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run many pairs, each on one process; one that fails never stops the others.
+
+    What is done is kept in FILE.partial as it comes. A run that was stopped goes on with --resume, and ends with the
+    same file, to the byte, as one that was not. FILE appears when all is done.
+    """
+    journal = output.with_name(output.name + ".partial")
+    _check_output(manifest, output, journal, resume)
+    with session(quiet, "pairs") as progress:
+        from nonsac import batch as many
+        from nonsac.cli.manifest import Manifest
+
+        pairs = Manifest.read(manifest, call)
+        if time_limit is not None and "register-clouds" in pairs.calls:
+            say("register-clouds takes no time limit: its pairs run to their end")
+        with _open(journal, pairs, time_limit, resume) as kept:
+            try:
+                task = _Summarise(time_limit)
+                for job, line in many.run_many(task, _after(pairs.jobs(), kept.count), workers):
+                    kept.add(line if isinstance(line, dict) else _failure(job, line))
+                    progress(kept.count, pairs.count)
+            except BaseException:
+                say(f"{kept.count} of {pairs.count} pairs are kept in {journal}; --resume goes on there")
+                raise
+        counts = _deliver(kept, output)
+    journal.unlink()
+    trusted = counts["trusted"] == pairs.count
+    if not (quiet and trusted):
+        say(f"{_told(counts, pairs.count)}; wrote {output}")
+    raise typer.Exit(0 if trusted else 1)
+
+
+def _check_output(manifest: Path, output: Path, journal: Path, resume: bool) -> None:
+    from nonsac.io import check_target
+
+    if output.suffix.lower() not in _SUFFIXES:
+        raise _bad(
+            "--output", f"{output}: results are written as {' or '.join(_SUFFIXES)}; end the name in one of these"
+        )
+    if output.suffix.lower() == ".parquet":
+        from nonsac.io.parquet import import_parquet
+
+        import_parquet(output)
+    if output.resolve() == manifest.resolve():
+        raise _bad("--output", f"{output} is the manifest")
+    try:
+        check_target(output)
+    except ValueError as error:
+        raise _bad("--output", str(error)) from error
+    if resume and not journal.exists():
+        if output.exists():
+            raise _bad("--resume", f"{output} is complete, and nothing is left to resume; remove it to run all anew")
+        say(f"nothing to resume at {journal}: starting anew")
+
+
+def _bad(option: str, message: str) -> typer.BadParameter:
+    return typer.BadParameter(message, param_hint=repr(option))
+
+
+def _open(path: Path, pairs: Manifest, time_limit: float | None, resume: bool) -> Journal:
+    from nonsac.journal import Journal
+    from nonsac.result import VERSION
+
+    settings = {"manifest": pairs.digest[:16], "--call": pairs.call, "--time-limit": time_limit, "version": VERSION}
+    return Journal(path, settings, resume, "pairs", lambda record: record["success"])
+
+
+def _after(jobs: Iterator[Job], done: int) -> Iterator[Job]:
+    return (job for number, job in enumerate(jobs) if number >= done)
+
+
+# --- what is written for a pair ------------------------------------------------------------
+
+
+class _Summarise:
+    """Runs a job where it is sent to, and brings back what is to be written: no rows, no hypotheses, no times."""
+
+    def __init__(self, time_limit: float | None) -> None:
+        self.time_limit = time_limit
+
+    def __call__(self, job: Job) -> dict[str, Any]:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", UserWarning)
+            result = job.run(self.time_limit).to_dict()
+        remarks = [str(warning.message) for warning in told if warning.category is UserWarning]
+        facts = {fact: result[fact] for fact in _FACTS}
+        return _named(job) | facts | {"remarks": [*result["info"].get("remarks", []), *remarks], "error": None}
+
+
+def _failure(job: Job, error: Exception) -> dict[str, Any]:
+    message = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    nothing = dict.fromkeys(_FACTS) | {"success": False}
+    return _named(job) | nothing | {"remarks": [], "error": " ".join(message.split())}
+
+
+def _named(job: Job) -> dict[str, Any]:
+    return {"name": job.name, "call": job.call.replace("_", "-")}
+
+
+# --- the whole -----------------------------------------------------------------------------
+
+
+def _deliver(kept: Journal, output: Path) -> Counter[str]:
+    """Write all that is kept; returns how many pairs ended in which way."""
+    from nonsac.io import write_atomically
+
+    counts: Counter[str] = Counter()
+
+    def records() -> Iterator[dict[str, Any]]:
+        counts.clear()
+        for record in kept.records():
+            counts["trusted" if record["success"] else "failed" if record["error"] else record["status"]] += 1
+            yield record
+
+    write = _write_parquet if output.suffix.lower() == ".parquet" else _write_lines
+    write_atomically(output, lambda temporary: write(temporary, records()))
+    return counts
+
+
+def _write_lines(path: Path, records: Iterator[dict[str, Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(json.dumps(record) + "\n" for record in records)
+
+
+def _write_parquet(path: Path, records: Iterator[dict[str, Any]]) -> None:
+    """T as 16 numbers, row by row; null where there is none."""
+    from itertools import islice
+
+    import pyarrow as pa
+    from pyarrow.parquet import ParquetWriter
+
+    kinds = dict.fromkeys(("name", "call", "status", "error"), pa.string()) | {
+        "success": pa.bool_(),
+        "T": pa.list_(pa.float64(), 16),
+        "num_inliers": pa.int64(),
+        "num_rows": pa.int64(),
+        "remarks": pa.list_(pa.string()),
+    }
+    names = ("name", "call", *_FACTS, "remarks", "error")
+    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in names])
+    with ParquetWriter(path, schema) as writer:
+        while some := list(islice(records, 10_000)):
+            writer.write_table(pa.Table.from_pylist([_flat(record) for record in some], schema))
+
+
+def _flat(record: dict[str, Any]) -> dict[str, Any]:
+    T = record["T"] and [number for row in record["T"] for number in row]
+    return record | {"T": T if T and None not in T else None}
+
+
+def _told(counts: Counter[str], total: int) -> str:
+    """The last line: how many pairs ended in which way."""
+    trusted, failed = counts["trusted"], counts["failed"]
+    kinds = [f"{count:,} {kind}" for kind, count in sorted(counts.items()) if kind not in ("trusted", "failed")]
+    detail = f" ({', '.join(kinds)})" if kinds else ""
+    return f"{total:,} pairs: {trusted:,} trusted, {total - trusted - failed:,} not trusted{detail}, {failed:,} failed"
