@@ -5,8 +5,15 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.stats import ks_2samp, kstest
 
-from nonsac import simulate
-from nonsac.simulate import absolute_pose, cloud_pair, demo_scans, random_rotation, registration, relative_pose
+from nonsac.simulate import (
+    absolute_pose,
+    cloud_pair,
+    demo_scans,
+    elephant,
+    random_rotation,
+    registration,
+    relative_pose,
+)
 
 
 def move(T, points):
@@ -346,7 +353,7 @@ def test_demo_scans_lie_on_the_elephant(scans):
     assert_rigid(scans.T)
     for points in (move(scans.T, scans.source), scans.target):
         assert points.shape == (3000, 3)
-        distances = simulate._distance(points)
+        distances = elephant._distance(points)
         assert distances.std() == pytest.approx(0.002, rel=0.15)
         assert abs(distances.mean()) < 2e-4
 
@@ -359,7 +366,7 @@ def test_demo_scans_overlap_as_promised(scans):
 
 
 def test_demo_scans_are_partial_and_share_no_point(scans):
-    surface, _ = simulate._surface(simulate._cells_at_surface(), 20_000, np.random.default_rng(1))
+    surface, _ = elephant._surface(elephant._cells_at_surface(), 20_000, np.random.default_rng(1))
     for points in (move(scans.T, scans.source), scans.target):
         covered = np.mean(cKDTree(points).query(surface)[0] < 0.04)
         assert 0.3 < covered < 0.55
@@ -368,12 +375,12 @@ def test_demo_scans_are_partial_and_share_no_point(scans):
 
 
 def test_what_a_scan_sees_is_in_front():
-    sensor = simulate._SENSORS[0]
-    points, normals = simulate._scan(sensor, 500, np.random.default_rng(0))
+    sensor = elephant._SENSORS[0]
+    points, normals = elephant._scan(sensor, 500, np.random.default_rng(0))
     assert (normals @ sensor).min() > 0
     steps = np.linspace(0.03, 1.8, 60)
     on_the_way = points[:, None] + steps[:, None] * sensor
-    assert (simulate._distance(on_the_way.reshape(-1, 3)) > -0.005).all()
+    assert (elephant._distance(on_the_way.reshape(-1, 3)) > -0.005).all()
 
 
 def test_the_elephant_is_its_own_image_under_no_motion(scans):
@@ -387,9 +394,9 @@ def test_the_elephant_is_its_own_image_under_no_motion(scans):
 
 def test_surface_points_are_uniform(monkeypatch):
     """On a ball, the uniform distribution is known: each coordinate is uniform (Archimedes)."""
-    monkeypatch.setattr(simulate, "_distance", lambda points: np.linalg.norm(points, axis=1) - 0.4)
-    monkeypatch.setattr(simulate, "_BOX", np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]]))
-    points, normals = simulate._surface(simulate._cells_at_surface.__wrapped__(), 20_000, np.random.default_rng(2))
+    monkeypatch.setattr(elephant, "_distance", lambda points: np.linalg.norm(points, axis=1) - 0.4)
+    monkeypatch.setattr(elephant, "_BOX", np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]]))
+    points, normals = elephant._surface(elephant._cells_at_surface.__wrapped__(), 20_000, np.random.default_rng(2))
     assert len(points) > 2000
     assert len(points) < 15_000
     np.testing.assert_allclose(points, 0.4 * normals, atol=1e-5)

@@ -1,0 +1,57 @@
+"""Random motions, and the checks of what is asked for."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Floats = NDArray[np.float64]
+Seed = int | np.random.Generator
+
+
+def random_rotation(rng: Seed) -> Floats:
+    """Rotation drawn uniformly from all rotations.
+
+    Parameters
+    ----------
+    rng : int or numpy.random.Generator
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+    """
+    quaternion = generator_of(rng).standard_normal(4)
+    return np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
+
+
+def random_motion(generator: np.random.Generator, scale: float = 1.0) -> Floats:
+    T = np.eye(4)
+    T[:3, :3] = scale * random_rotation(generator)
+    T[:3, 3] = generator.uniform(-1.0, 1.0, 3)
+    return T
+
+
+def move(T: Floats, points: Floats) -> Floats:
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def generator_of(rng: Seed) -> np.random.Generator:
+    if isinstance(rng, np.random.Generator):
+        return rng
+    if isinstance(rng, bool) or not isinstance(rng, (int, np.integer)) or rng < 0:
+        raise TypeError(f"rng is {rng!r}; expected a whole number of at least 0 or a numpy.random.Generator")
+    return np.random.default_rng(rng)
+
+
+def check_count(name: str, value: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
+
+
+def check_share(name: str, value: float) -> None:
+    if not 0.0 <= value <= 1.0:
+        raise ValueError(f"{name} is {value}; expected a number from 0 to 1")
+
+
+def check_not_negative(name: str, value: float) -> None:
+    if not 0.0 <= value < np.inf:
+        raise ValueError(f"{name} is {value}; expected a finite number of at least 0")

@@ -1,0 +1,326 @@
+"""nonsac batch: what it reads, what it writes, and runs that are killed."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_samples import FIRST, SECOND, matrix, said, scene, subprocess_nonsac, two_views, write_hloc, write_table
+
+import nonsac
+from nonsac import journal, simulate
+
+
+def write_pairs(name, rng, outliers=0.5):
+    pairs = simulate.registration(120, outliers, 0.01, rng)
+    np.save(name, np.hstack([pairs.source, pairs.target]))
+    return pairs
+
+
+def write_manifest(rows, name="pairs.csv"):
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    lines = [",".join(columns)] + [",".join(str(row.get(column, "")) for column in columns) for row in rows]
+    Path(name).write_text("\n".join(lines) + "\n")
+    return name
+
+
+def results(name="out.jsonl"):
+    return [json.loads(line) for line in Path(name).read_text().splitlines()]
+
+
+@pytest.fixture
+def four(folder):
+    """A right pair, pure outliers, a file that is missing, and a right one again."""
+    for number, outliers in ((0, 0.5), (1, 1.0), (3, 0.5)):
+        write_pairs(f"{number}.npy", number, outliers)
+    rows = [{"name": f"pair {k}", "call": "register-pairs", "pairs": f"{k}.npy", "noise": 0.01} for k in range(4)]
+    return write_manifest(rows)
+
+
+def test_one_line_for_each_pair_in_order(run, four):
+    code, out, err = run("batch", four, "--output", "out.jsonl", "--workers", "1")
+    assert (code, out) == (1, "")
+    assert said(err)[-1] == ("nonsac: 4 pairs: 2 trusted, 1 not trusted (1 low_support), 1 failed; wrote out.jsonl")
+    lines = results()
+    assert [line["name"] for line in lines] == ["pair 0", "pair 1", "pair 2", "pair 3"]
+    assert [line["status"] for line in lines] == ["ok", "low_support", None, "ok"]
+    assert [line["success"] for line in lines] == [True, False, False, True]
+    assert lines[2]["error"] == "2.npy: no such file; check the path"
+    assert lines[2]["T"] is None
+    rows = np.load("0.npy")
+    result = nonsac.register_pairs(rows[:, :3], rows[:, 3:], noise=0.01)
+    assert lines[0]["T"] == result.T.tolist()
+    assert (lines[0]["num_inliers"], lines[0]["num_rows"]) == (result.num_inliers, 120)
+    assert (lines[0]["confidence"], lines[0]["error"]) == (result.confidence, None)
+    assert not Path("out.jsonl.partial").exists()
+
+
+def test_all_trusted_is_exit_0_and_quiet_says_nothing(run, folder):
+    write_pairs("0.npy", 0)
+    Path("pairs.jsonl").write_text(
+        '{"pairs": "0.npy", "noise": 0.01, "samples": 2}\n\n{"pairs": "0.npy", "scale": "free"}\n'
+    )
+    arguments = ("batch", "pairs.jsonl", "--call", "register-pairs", "--output", "out.jsonl", "--workers", "1")
+    code, out, err = run(*arguments, "--quiet")
+    assert (code, out, said(err)) == (0, "", [])
+    assert [line["name"] for line in results()] == ["1", "2"]
+    code, out, err = run(*arguments)
+    assert said(err) == ["nonsac: 2 pairs: 2 trusted, 0 not trusted, 0 failed; wrote out.jsonl"]
+
+
+def test_parquet_holds_the_same(run, four):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    run("batch", four, "--output", "out.jsonl", "--workers", "1")
+    run("batch", four, "--output", "out.parquet", "--workers", "1")
+    table = parquet.read_table("out.parquet").to_pylist()
+    for row, line in zip(table, results(), strict=True):
+        flat = line["T"] and np.ravel(line["T"]).tolist()
+        assert row == line | {"T": flat}
+
+
+def test_every_call_with_files_beside_the_manifest(run, folder):
+    views, points = two_views(), scene()
+    scans = simulate.demo_scans(0, points=1500)
+    sub = folder / "sub"
+    sub.mkdir()
+    os.chdir(sub)
+    write_table("m.csv", views.rows, "x1 y1 x2 y2")
+    write_table("p.csv", points.rows, "u v X Y Z")
+    hloc = write_hloc(views)
+    np.save("a.npy", scans.source)
+    np.save("b.npy", scans.target)
+    Path("K.txt").write_text(matrix(FIRST))
+    second = str(SECOND)
+    write_manifest(
+        [
+            {"call": "relative-pose", "matches": "m.csv", "camera1": "K.txt", "camera2": second, "noise": 0.5},
+            {
+                "call": "relative_pose",
+                "matches": hloc[0],
+                "second": hloc[1],
+                "image1": "db/one.jpg",
+                "image2": "two.jpg",
+            }
+            | {"camera1": "K.txt", "camera2": second, "noise": 0.5, "seed": 3},
+            {"call": "absolute-pose", "points": "p.csv", "camera": "K.txt", "noise": 0.5, "sample_size": 200},
+            {"call": "register-clouds", "source": "a.npy", "target": "b.npy", "samples": 2},
+        ]
+    )
+    os.chdir(folder)
+    code, _, err = run("batch", "sub/pairs.csv", "--output", "out.jsonl", "--workers", "1", "--time-limit", "600")
+    assert "register-clouds takes no time limit" in err
+    assert code == 0, results()
+    table, from_hloc, pnp, _ = results()
+    K = nonsac.Camera("PINHOLE", FIRST.params)
+    weights = views.weights
+    assert table["T"] == views.solved(K, SECOND, noise=0.5).T.tolist()
+    alone = views.in_single_precision().solved(K, SECOND, noise=0.5, rng=3, weights=weights)
+    np.testing.assert_allclose(from_hloc["T"], alone.T, atol=1e-3)
+    assert pnp["T"] == points.solved(K, noise=0.5, sample_size=200).T.tolist()
+
+
+def test_warnings_of_a_pair_are_in_its_line(run, folder):
+    rows = write_table("m.npy", two_views().rows, "")
+    code, _, err = run(
+        "batch",
+        write_manifest([{"matches": rows}]),
+        "--call",
+        "relative-pose",
+        "--output",
+        "out.jsonl",
+        "--workers",
+        "1",
+    )
+    assert code == 1
+    assert "warning" not in err
+    assert any("look like pixels" in remark for remark in results()[0]["remarks"])
+
+
+REFUSED = {
+    "call,pairs,nois\nregister-pairs,a.npy,1": "pairs.csv, line 2: there is no column 'nois'; the columns are name,",
+    "call,pairs\nregister-pairs,a.npy\nregister,b.npy": "line 3: the call 'register' is none of relative-pose,",
+    "pairs\na.npy": "line 2: names no call: fill the column 'call', or give --call",
+    "call,pairs,noise\nregister-pairs,,1": "line 2: register-pairs needs a file in the column 'pairs'",
+    "call,source\nregister-clouds,a.npy": "line 2: register-clouds needs a file in the column 'target'",
+    "call,pairs,image1\nregister-pairs,a.npy,x": "line 2: register-pairs has no 'image1'; it has pairs, second,",
+    "call,pairs,noise\nregister-pairs,a.npy,-1": "line 2: noise: -1 is not a positive number",
+    "call,pairs,noise\nregister-pairs,a.npy,x": "line 2: noise: 'x' is not a positive number",
+    "call,pairs,scale\nregister-pairs,a.npy,any": "line 2: scale: 'any' is neither",
+    "call,pairs,samples\nregister-pairs,a.npy,0": "line 2: samples: '0' is neither",
+    "call,pairs,seed\nregister-pairs,a.npy,-1": "line 2: seed: '-1' is not a whole number of at least 0",
+    "call,matches,camera1\nrelative-pose,a.npy,none.txt": "line 2: camera1: 'none.txt' is neither a file nor a camera",
+    "call,pairs\nregister-pairs,a.npy,b.npy": "line 2: has more cells than the header has names",
+    "call,pairs": "holds no pairs",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_a_wrong_manifest_is_refused_before_the_work(refused, folder, text):
+    Path("pairs.csv").write_text(text + "\n")
+    assert REFUSED[text] in refused("batch", "pairs.csv", "--output", "out.jsonl")
+
+
+def test_other_misuse(refused, folder, four):
+    assert "end the name in one of these" in refused("batch", four, "--output", "out.csv")
+    assert "does not exist; create it first" in refused("batch", four, "--output", "no/out.jsonl")
+    assert "none.csv" in refused("batch", "none.csv", "--output", "out.jsonl")
+    assert "end the name in one of these" in refused("batch", "0.npy", "--output", "out.jsonl")
+    Path("pairs.jsonl").write_text('{"pairs": "a.npy"}\n{"pairs"\n')
+    out = ("--output", "out.jsonl")
+    assert "line 2: is no JSON" in refused("batch", "pairs.jsonl", "--call", "register-pairs", *out)
+    assert "is the manifest" in refused("batch", "pairs.jsonl", "--output", "./pairs.jsonl")
+    Path("pairs.jsonl").write_text('{"pairs": ["a.npy"]}\n')
+    assert "line 1: write one object" in refused("batch", "pairs.jsonl", "--call", "register-pairs", *out)
+
+
+# --- runs that are stopped -----------------------------------------------------------------
+
+
+@pytest.fixture
+def many(folder):
+    """200 pairs, of which some cannot be read and some are wrong."""
+    for rng in range(20):
+        write_pairs(f"{rng}.npy", rng, 0.97 if rng % 9 == 4 else 0.5)
+    Path("text.npy").write_text("no array")
+    names = ["none.npy" if k == 90 else "text.npy" if k == 110 else f"{k % 20}.npy" for k in range(200)]
+    return write_manifest([{"pairs": name, "noise": 0.01, "seed": k} for k, name in enumerate(names)])
+
+
+def command(manifest, output, *more):
+    return ("batch", manifest, "--call", "register-pairs", "--output", output, *more)
+
+
+def lines_in(path):
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="SIGKILL is of POSIX")
+def test_a_run_that_was_killed_goes_on_to_the_same_file(many, folder):
+    # A process that compiles its kernels may differ in the last bits from one that loads them.
+    write_manifest([{"pairs": "0.npy"}], "one.csv")
+    assert subprocess_nonsac(*command("one.csv", "one.jsonl", "--workers", "1")).returncode == 0
+
+    whole = subprocess_nonsac(*command(many, "whole.jsonl", "--workers", "2"))
+    assert whole.returncode == 1, whole.stderr
+    partial = folder / "out.jsonl.partial"
+    arguments = [sys.executable, "-m", "nonsac", *command(many, "out.jsonl", "--workers", "2")]
+    with subprocess.Popen(arguments, stderr=subprocess.DEVNULL) as process:
+        while lines_in(partial) < 20 and process.poll() is None:
+            time.sleep(0.002)
+        process.kill()
+    assert process.returncode == -signal.SIGKILL
+    assert 20 <= lines_in(partial) <= 200
+    assert not Path("out.jsonl").exists()
+    with partial.open("ab") as file:
+        file.write(b'{"name": "pair')  # as if killed while it wrote
+
+    refused = subprocess_nonsac(*command(many, "out.jsonl"))
+    assert refused.returncode == 2
+    assert "go on there with resume (--resume)" in refused.stderr
+    resumed = subprocess_nonsac(*command(many, "out.jsonl", "--resume", "--workers", "1"))
+    assert resumed.returncode == 1
+    assert resumed.stderr.splitlines()[-1].replace("out.", "whole.") == whole.stderr.splitlines()[-1]
+    assert Path("out.jsonl").read_bytes() == Path("whole.jsonl").read_bytes()
+    assert not partial.exists()
+    assert [line["name"] for line in results()] == [str(k) for k in range(1, 201)]
+    assert [k for k, line in enumerate(results()) if line["error"]] == [90, 110]
+
+
+def test_a_full_disk_is_told_and_the_run_goes_on_later(run, four, folder, monkeypatch):
+    """Every write after the third takes one byte of the line, then the disk is full."""
+
+    class Full:
+        def __init__(self, file):
+            self.file, self.writes = file, 0
+
+        def write(self, data):
+            self.writes += 1
+            if self.writes > 4:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return self.file.write(data if self.writes < 4 else data[:1])
+
+        def close(self):
+            self.file.close()
+
+    arguments = ("batch", four, "--output", "out.jsonl", "--workers", "1")
+    with monkeypatch.context() as patch:
+        opened = journal._opened
+        patch.setattr(journal, "_opened", lambda *path: Full(opened(*path)))
+        code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    kept, full = said(err)
+    assert kept == "nonsac: 2 of 4 pairs are kept in out.jsonl.partial; --resume goes on there"
+    problem = "cannot be written (No space left on device); make room, then go on with resume (--resume)"
+    assert full == f"nonsac: out.jsonl.partial: {problem}"
+    assert not Path("out.jsonl").exists()
+    assert run(*arguments, "--resume")[0] == 1
+    resumed = Path("out.jsonl").read_bytes()
+    run("batch", four, "--output", "whole.jsonl", "--workers", "1")
+    assert Path("whole.jsonl").read_bytes() == resumed
+
+
+def test_a_disk_that_is_full_at_the_end_loses_nothing(run, four, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    arguments = ("batch", four, "--output", "out.jsonl", "--workers", "1")
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        code, _, err = run(*arguments)
+    assert code == 2
+    assert "out.jsonl: cannot be written (No space left on device)" in said(err)[-1]
+    assert sorted(path.name for path in Path().iterdir() if "out" in path.name) == ["out.jsonl.partial"]
+    monkeypatch.setattr("nonsac.batch.Job.run", lambda *_: pytest.fail("nothing is left to do"))
+    assert run(*arguments, "--resume")[0] == 1
+    assert len(results()) == 4
+
+
+def test_ctrl_c_keeps_what_is_done(run, four, monkeypatch):
+    original = nonsac.Job.run
+
+    def interrupted(job, *limit):
+        if job.name == "pair 2":
+            raise KeyboardInterrupt
+        return original(job, *limit)
+
+    monkeypatch.setattr("nonsac.batch.Job.run", interrupted)
+    code, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1")
+    assert code == 130
+    assert said(err) == [
+        "nonsac: 2 of 4 pairs are kept in out.jsonl.partial; --resume goes on there",
+        "nonsac: interrupted",
+    ]
+    assert lines_in(Path("out.jsonl.partial")) == 3
+
+
+def test_what_is_left_of_another_run_is_refused(run, four, monkeypatch):
+    test_ctrl_c_keeps_what_is_done(run, four, monkeypatch)
+    monkeypatch.undo()
+    arguments = ("batch", four, "--output", "out.jsonl", "--workers", "1", "--resume")
+    kept = Path("out.jsonl.partial").read_bytes()
+    code, _, err = run(*arguments, "--time-limit", "5")
+    assert code == 2
+    assert "is of a run with --time-limit None, not 5.0; resume with the settings of that run" in err
+    text = Path(four).read_text()
+    Path(four).write_text(text.replace("0.01", "0.02"))
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "is of a run with manifest " in err
+    assert Path("out.jsonl.partial").read_bytes() == kept
+    Path(four).write_text(text)
+    assert run(*arguments)[0] == 1
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "out.jsonl is complete, and nothing is left to resume" in err
+
+
+def test_nothing_to_resume_is_said(run, four):
+    code, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1", "--resume")
+    assert code == 1
+    assert said(err)[0] == "nonsac: nothing to resume at out.jsonl.partial: starting anew"
