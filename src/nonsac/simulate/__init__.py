@@ -1,10 +1,11 @@
-"""Simulated data with known ground truth: the paper's generators, and two scans to look at.
+"""Simulated data with known ground truth: the paper's generators, in memory or to a file, and two scans.
 
 Every function takes `rng`, a whole number (a seed) or a NumPy ``Generator``. One seed, one result.
 """
 
 from nonsac.simulate.clouds import CloudPair, cloud_pair
 from nonsac.simulate.elephant import demo_scans
+from nonsac.simulate.files import to_file
 from nonsac.simulate.matches import ImageMatches, Pairs, PointMatches, absolute_pose, registration, relative_pose
 from nonsac.simulate.motions import random_rotation
 
@@ -19,4 +20,5 @@ __all__ = [
     "random_rotation",
     "registration",
     "relative_pose",
+    "to_file",
 ]
