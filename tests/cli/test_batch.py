@@ -281,43 +281,50 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(run, four, monkeypatch):
     assert len(results()) == 4
 
 
-def test_ctrl_c_keeps_what_is_done(run, four, monkeypatch):
+@pytest.fixture
+def interrupted(run, four, monkeypatch):
+    """A run that Ctrl-C ended after two pairs: what it said."""
     original = nonsac.Job.run
 
-    def interrupted(job, *limit):
+    def interrupt(job, *limit):
         if job.name == "pair 2":
             raise KeyboardInterrupt
         return original(job, *limit)
 
-    monkeypatch.setattr("nonsac.batch.Job.run", interrupted)
-    code, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1")
+    with monkeypatch.context() as patch:
+        patch.setattr("nonsac.batch.Job.run", interrupt)
+        code, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1")
     assert code == 130
-    assert said(err) == [
+    return said(err)
+
+
+def test_ctrl_c_keeps_what_is_done(interrupted):
+    assert interrupted == [
         "nonsac: 2 of 4 pairs are kept in out.jsonl.partial; --resume goes on there",
         "nonsac: interrupted",
     ]
     assert lines_in(Path("out.jsonl.partial")) == 3
 
 
-def test_what_is_left_of_another_run_is_refused(run, four, monkeypatch):
-    test_ctrl_c_keeps_what_is_done(run, four, monkeypatch)
-    monkeypatch.undo()
+def test_what_is_left_of_another_run_is_refused(run, four, interrupted):
     arguments = ("batch", four, "--output", "out.jsonl", "--workers", "1", "--resume")
     kept = Path("out.jsonl.partial").read_bytes()
-    code, _, err = run(*arguments, "--time-limit", "5")
-    assert code == 2
-    assert "is of a run with --time-limit None, not 5.0; resume with the settings of that run" in err
     text = Path(four).read_text()
+
+    def told(*more):
+        code, _, err = run(*arguments, *more)
+        assert code == 2
+        return err
+
+    assert "is of a run with --time-limit None, not 5.0; resume with the settings of that run" in told(
+        "--time-limit", "5"
+    )
     Path(four).write_text(text.replace("0.01", "0.02"))
-    code, _, err = run(*arguments)
-    assert code == 2
-    assert "is of a run with manifest " in err
+    assert "is of a run with manifest " in told()
     assert Path("out.jsonl.partial").read_bytes() == kept
     Path(four).write_text(text)
     assert run(*arguments)[0] == 1
-    code, _, err = run(*arguments)
-    assert code == 2
-    assert "out.jsonl is complete, and nothing is left to resume" in err
+    assert "out.jsonl is complete, and nothing is left to resume" in told()
 
 
 def test_nothing_to_resume_is_said(run, four):

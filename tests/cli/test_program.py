@@ -45,6 +45,9 @@ OPTIONS = {
     | {"--image1", "--image2", "--camera1", "--camera2", "--photo1", "--photo2", "--write-geometry"},
     "absolute-pose": ROWS | {"--image", "--camera", "--photo"},
     "demo": {"--picture", "--seed", "--workers", "--save-scans", "--json", "--quiet", "--help"},
+    "batch": {"--output", "--call", "--workers", "--time-limit", "--resume", "--quiet", "--help"},
+    "simulate": {"--outlier-ratio", "--noise", "--output", "--seed", "--dtype", "--row-group", "--truth", "--quiet"}
+    | {"--help"},
     "warmup": {"--help"},
 }
 

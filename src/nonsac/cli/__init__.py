@@ -13,6 +13,7 @@ from nonsac.cli.messages import say, tell
 from nonsac.cli.poses import absolute_pose, relative_pose
 from nonsac.cli.registration import demo, register_clouds, register_pairs
 from nonsac.cli.reproduce import section5, table2, table4
+from nonsac.cli.simulate import simulate
 from nonsac.cli.warmup import warmup
 
 # Click's own type, which newer versions of typer carry inside themselves.
@@ -22,7 +23,7 @@ _INTERRUPTED = 130
 
 _SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}
 app = typer.Typer(help="Robust geometric estimation from data too large or too dirty for anything else.", **_SETTINGS)
-for command in (register_clouds, register_pairs, relative_pose, absolute_pose, batch, demo, warmup):
+for command in (register_clouds, register_pairs, relative_pose, absolute_pose, batch, simulate, demo, warmup):
     app.command()(command)
 reproduce = typer.Typer(help="Run the paper's experiments.", **_SETTINGS)
 for experiment in (table2, table4, section5):
