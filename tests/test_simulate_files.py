@@ -46,6 +46,7 @@ def test_shape_and_truth_are_those_in_memory(written, problem):
     assert rows.shape == (N, same.shape[1])
     assert rows.dtype == np.float64
     assert np.isfinite(rows).all()
+    assert len(np.unique(rows[:, 0])) > 0.999 * N  # no block repeats another
     np.testing.assert_array_equal(T, same_T)
 
 
