@@ -74,8 +74,9 @@ def batch(
 ) -> None:
     """Run many pairs, each on one process; one that fails never stops the others.
 
-    What is done is kept in FILE.partial as it comes. A run that was stopped goes on with --resume, and ends with the
-    same file, to the byte, as one that was not. FILE appears when all is done.
+    What is done is kept in FILE.partial; FILE appears when all is done.
+
+    A run that was stopped goes on with --resume, and ends with the same file, byte for byte, as one that was not.
     """
     journal = output.with_name(output.name + ".partial")
     _check_output(manifest, output, journal, resume)
