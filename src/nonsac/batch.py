@@ -13,7 +13,7 @@ from functools import cache, partial
 from typing import Any, TypeVar
 
 from nonsac import api, poses
-from nonsac.executors import Workers, cores
+from nonsac.executors import Workers, parsed, width_of
 from nonsac.processes import CannotStart, WorkerDied, WorkerProcesses
 from nonsac.result import Result
 from nonsac.sampling import canonical_seed
@@ -182,7 +182,7 @@ def run_many(
 
 def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -> Iterator[tuple[Job, Future[Answer]]]:
     pending: deque[tuple[Job, Future[Answer]]] = deque()
-    ahead = 2 * _width(pool)
+    ahead = 2 * width_of(pool)
     try:
         for job in jobs:
             pending.append((job, pool.submit(task, job)))
@@ -207,10 +207,10 @@ def _settled(answer: Callable[[], Answer]) -> Answer | Exception:
 @contextmanager
 def _pool(workers: Workers) -> Iterator[Executor | None]:
     """None for the calling process."""
-    if isinstance(workers, Executor):
-        yield workers
+    count = parsed(workers)
+    if isinstance(count, Executor):
+        yield count
         return
-    count = cores() if workers is None else workers
     if count == 1:
         yield None
         return
@@ -219,14 +219,6 @@ def _pool(workers: Workers) -> Iterator[Executor | None]:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def _width(pool: Executor) -> int:
-    """How many tasks it works on at a time."""
-    width = getattr(pool, "_max_workers", None)
-    if width is None and hasattr(pool, "_client"):  # Dask
-        width = sum(pool._client.ncores().values())
-    return width or cores()
 
 
 def _counted(

@@ -34,7 +34,7 @@ def ordered_map(task: Callable[[int], Outcome], count: int, workers: Workers = N
     """
     pool = parsed(workers)
     if isinstance(pool, Executor):
-        yield from _ahead(task, 0, count, pool, _width(pool))
+        yield from _ahead(task, 0, count, pool, width_of(pool))
         return
     if pool == 1 or count == 1:
         yield from map(task, range(count))
@@ -128,7 +128,7 @@ def _waited_for(future: Future[Outcome], pool: Executor) -> Outcome:
     raise BrokenExecutor("the Dask cluster has no workers left")
 
 
-def _width(pool: Executor) -> int:
+def width_of(pool: Executor) -> int:
     """How many tasks a pool runs at once, as far as it tells."""
     client = getattr(pool, "_client", None)
     width = getattr(pool, "_max_workers", None) if client is None else sum(client.nthreads().values())
