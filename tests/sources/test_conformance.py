@@ -4,8 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import nonsac.sources
+from nonsac.sampling import sample_rows
 from nonsac.sources import (
     AllPairsSource,
     ArraySource,
@@ -13,47 +15,65 @@ from nonsac.sources import (
     HeldSource,
     JoinedSource,
     LasSource,
+    MappedSource,
     NpySource,
+    ParquetSource,
     RawSource,
     Source,
+    StreamSource,
     ZarrSource,
 )
 
 ROWS = np.arange(60.0).reshape(20, 3)
 
 
-def raw(folder):
-    (folder / "rows.bin").write_bytes(ROWS.astype(">f4").tobytes())
-    return RawSource(folder / "rows.bin", ">f4", 3), ROWS
+def raw(folder, rows=ROWS):
+    (folder / "rows.bin").write_bytes(rows.astype(">f4").tobytes())
+    return RawSource(folder / "rows.bin", ">f4", rows.shape[1]), rows
 
 
-def npy(folder):
-    np.save(folder / "rows.npy", np.asfortranarray(ROWS))
-    return NpySource(folder / "rows.npy"), ROWS
+def npy(folder, rows=ROWS):
+    np.save(folder / "rows.npy", np.asfortranarray(rows))
+    return NpySource(folder / "rows.npy"), rows
 
 
-def hdf5(folder):
+def hdf5(folder, rows=ROWS):
     h5py = pytest.importorskip("h5py")
     with h5py.File(folder / "rows.h5", "w") as file:
-        file.create_dataset("rows", data=ROWS, chunks=(7, 3), compression="gzip")
-    return Hdf5Source(folder / "rows.h5", "rows"), ROWS
+        file.create_dataset("rows", data=rows, chunks=(7, rows.shape[1]), compression="gzip")
+    return Hdf5Source(folder / "rows.h5", "rows"), rows
 
 
-def zarr(folder):
+def zarr(folder, rows=ROWS):
     library = pytest.importorskip("zarr")
-    library.save_array(str(folder / "rows.zarr"), ROWS)
-    return ZarrSource(folder / "rows.zarr"), ROWS
+    library.save_array(str(folder / "rows.zarr"), rows)
+    return ZarrSource(folder / "rows.zarr"), rows
 
 
-def laz(folder):
+def laz(folder, rows=ROWS):
     laspy = pytest.importorskip("laspy")
     pytest.importorskip("lazrs")
     header = laspy.LasHeader(point_format=0, version="1.2")
     header.scales = np.ones(3)
     cloud = laspy.LasData(header)
-    cloud.X, cloud.Y, cloud.Z = ROWS.T.astype(np.int32)
+    cloud.X, cloud.Y, cloud.Z = rows.T.astype(np.int32)
     cloud.write(folder / "rows.laz")
-    return LasSource(folder / "rows.laz"), ROWS
+    return LasSource(folder / "rows.laz"), rows
+
+
+def parquet(rows, folder):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow.parquet import write_table
+
+    for number, part in enumerate(np.array_split(rows, 2)):
+        names = list(map(str, range(rows.shape[1])))
+        write_table(pa.table(list(part.T), names), folder / f"{number}.parquet", row_group_size=1 + len(rows) // 7)
+    return ParquetSource(folder)
+
+
+def stream(rows):
+    source = StreamSource(np.array_split(rows, 3))
+    return source, source.rows.copy()
 
 
 # Class -> a source, which may lie in a folder, and all of its rows.
@@ -73,6 +93,24 @@ EXAMPLES = {
         JoinedSource([np.arange(40).reshape(20, 2), np.arange(20.0)[:, None]], [np.negative, None]),
         np.column_stack([-np.arange(40.0).reshape(20, 2), np.arange(20.0)]),
     ),
+    MappedSource: lambda folder: (MappedSource(ArraySource(ROWS), np.negative), -ROWS),
+    ParquetSource: lambda folder: (parquet(ROWS, folder), ROWS),
+    StreamSource: lambda _: stream(ROWS),
+}
+# Class -> a source with these rows, in any order; those left out make their rows themselves.
+HOLDING = {
+    ArraySource: lambda rows, folder: ArraySource(rows),
+    JoinedSource: lambda rows, folder: JoinedSource([rows]),
+    MappedSource: lambda rows, folder: MappedSource(ArraySource(-rows), np.negative),
+    ParquetSource: parquet,
+    StreamSource: lambda rows, folder: StreamSource(np.array_split(rows, 7)),
+    HeldSource: lambda rows, folder: HeldSource(ArraySource(rows)),
+    Hdf5Source: lambda rows, folder: hdf5(folder, rows)[0],
+    LasSource: lambda rows, folder: laz(folder, np.hstack([rows, rows, rows]))[0],
+    NpySource: lambda rows, folder: npy(folder, rows)[0],
+    RawSource: lambda rows, folder: raw(folder, rows)[0],
+    ZarrSource: lambda rows, folder: zarr(folder, rows)[0],
+    AllPairsSource: lambda rows, folder: MappedSource(AllPairsSource(rows[:20] * 10, rows[:10]), added),
 }
 EXPORTED = [getattr(nonsac.sources, name) for name in nonsac.sources.__all__ if name != "Source"]
 
@@ -133,3 +171,21 @@ def test_chunks_of_a_range(example, start, stop):
     chunks = list(source.chunks(2, start, stop))
     assert all(len(chunk) == 2 for chunk in chunks[:-1])
     np.testing.assert_array_equal(np.vstack([np.empty((0, source.width)), *chunks]), rows[start:stop])
+
+
+def added(rows):
+    return rows.sum(axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("kind", EXPORTED, ids=lambda kind: kind.__name__)
+def test_samples_hold_every_row_equally_often(kind, tmp_path):
+    """Of 200 rows that hold their own number, two samples of 20 in each of 500 passes."""
+    assert kind in HOLDING, f"add {kind.__name__} to HOLDING"
+    source, counts = HOLDING[kind](np.arange(200.0)[:, None], tmp_path), np.zeros(200)
+    for turn in range(500):
+        for sample in range(2):  # of ten that a pass has
+            rows = source.take(sample_rows(200, 200 * turn + 20 * sample, 20, seed=3))
+            np.add.at(counts, rows[:, 0].astype(int), 1)
+    assert counts.sum() == 500 * 40
+    # Without replacement the counts vary less than Poisson's, by the share that is left out.
+    assert 1e-3 < chi2.sf(np.sum((counts - 100) ** 2) / 100 / 0.8, 199) < 1 - 1e-3

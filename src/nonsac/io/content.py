@@ -11,6 +11,7 @@ _MARKS = {
     b"PK\x05\x06": "NumPy archive",
     b"LASF": "LAS file",
     b"PAR1": "Parquet file",
+    b"ARROW1": "Arrow file",
     b"\x89HDF\r\n\x1a\n": "HDF5 file",
     b"SQLite format 3\x00": "SQLite database",
     b"\x89PNG": "PNG image",
@@ -28,6 +29,7 @@ _USUAL_SUFFIX = {
     "PCD file": ".pcd",
     "text table": ".xyz",
     "Parquet file": ".parquet",
+    "Arrow file": ".arrow",
     "HDF5 file": ".h5",
     "SQLite database": ".db",
 }
@@ -132,7 +134,7 @@ def _check_head(path: FilePath, head: bytes, kind: str) -> None:
 
 
 def _with_article(kind: str) -> str:
-    return f"an {kind}" if kind.startswith(("u", "HDF5", "SQLite")) else f"a {kind}"
+    return f"an {kind}" if kind.startswith(("u", "Arrow", "HDF5", "SQLite")) else f"a {kind}"
 
 
 def _fix_for(kind: str) -> str:

@@ -36,7 +36,7 @@ def library_missing(path: FilePath, files: str, library: str, extra: str) -> Inp
     return input_error(path, f"reading {files} needs {library}", f'pip install "nonsac[{extra}]"')
 
 
-def not_held(path: FilePath, wanted: str, names: Sequence[str]) -> InputError:
+def not_held(path: FilePath, wanted: str, names: Sequence[str], shown: int = _NAMES_SHOWN) -> InputError:
     """Say that a file does not hold what was asked for by name, and name a few that it holds.
 
     Parameters
@@ -47,13 +47,15 @@ def not_held(path: FilePath, wanted: str, names: Sequence[str]) -> InputError:
         What was asked for, such as ``image 'a.jpg'``.
     names
         What it holds instead, in the order of the file.
+    shown
+        How many of these the message lists.
 
     Returns
     -------
     InputError
         The error, for the caller to raise.
     """
-    held = ", ".join(names[:_NAMES_SHOWN]) or "none"
-    if len(names) > _NAMES_SHOWN:
-        held += f" and {len(names) - _NAMES_SHOWN} more"
+    held = ", ".join(names[:shown]) or "none"
+    if len(names) > shown:
+        held += f" and {len(names) - shown} more"
     return input_error(path, f"holds no {wanted} (it holds {held})", "check the name")

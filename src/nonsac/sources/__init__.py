@@ -13,12 +13,15 @@ from nonsac.sources.all_pairs import AllPairsSource
 from nonsac.sources.array import ArraySource
 from nonsac.sources.held import HeldSource
 from nonsac.sources.joined import JoinedSource
+from nonsac.sources.mapped import MappedSource
 
 if TYPE_CHECKING:
     from nonsac.sources.hdf5 import Hdf5Source
     from nonsac.sources.las import LasSource
     from nonsac.sources.npy import NpySource
+    from nonsac.sources.parquet import ParquetSource
     from nonsac.sources.raw import RawSource
+    from nonsac.sources.stream import StreamSource
     from nonsac.sources.zarr import ZarrSource
 
 __all__ = [
@@ -28,9 +31,12 @@ __all__ = [
     "HeldSource",
     "JoinedSource",
     "LasSource",
+    "MappedSource",
     "NpySource",
+    "ParquetSource",
     "RawSource",
     "Source",
+    "StreamSource",
     "ZarrSource",
 ]
 
@@ -38,13 +44,15 @@ _OF_FILES = {
     "Hdf5Source": "hdf5",
     "LasSource": "las",
     "NpySource": "npy",
+    "ParquetSource": "parquet",
     "RawSource": "raw",
+    "StreamSource": "stream",
     "ZarrSource": "zarr",
 }
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use what reads files."""
+    """Import on first use what reads files and streams."""
     if name in _OF_FILES:
         return getattr(import_module(f"nonsac.sources.{_OF_FILES[name]}"), name)
     raise AttributeError(f"module 'nonsac.sources' has no attribute {name!r}")

@@ -1,0 +1,74 @@
+"""Rows of another source, of which those that are read pass through a function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from nonsac.sources import Source
+
+Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+_HANDED_ON = ("block_starts", "bytes_to_take")
+
+
+class MappedSource:
+    """The rows of `source`, passed through `map`; only rows that are read ever are.
+
+    Parameters
+    ----------
+    source : Source
+        Any; it stays as it is, and so do the cost of reading it and its blocks.
+    map : callable
+        From rows (k, D) to rows (k, D'), row by row: a camera's `normalise`, a choice of columns. It travels to
+        workers, so it must pickle.
+    """
+
+    def __init__(self, source: Source, map: Map) -> None:
+        self.source, self.map = source, map
+
+    @property
+    def width(self) -> int:
+        return int(self.take(np.empty(0, np.int64)).shape[1])
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        return self._mapped(self.source.take(indices))
+
+    def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
+        return map(self._mapped, self.source.chunks(rows, start, stop))
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _HANDED_ON:  # where the source has them
+            return getattr(self.source, name)
+        raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+
+    def _mapped(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.array(self.map(rows), np.float64, order="C")
+
+
+@dataclass(frozen=True)
+class BySideMap:
+    """Passes neighbouring columns through maps of their own, as `JoinedSource` does with arrays.
+
+    Attributes
+    ----------
+    widths : sequence of int
+        Numbers of columns of each part; together all.
+    maps : sequence of callable or None
+        For each part, from (k, d) to (k, d'); None leaves it as it is.
+    """
+
+    widths: Sequence[int]
+    maps: Sequence[Map | None]
+
+    def __call__(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        parts = np.split(rows, np.cumsum(self.widths)[:-1], axis=1)
+        moved = [part if move is None else move(part) for part, move in zip(parts, self.maps, strict=True)]
+        return np.hstack(moved)

@@ -1,0 +1,225 @@
+"""Rows of Parquet and Arrow files, of which a block, a row group or a record batch, is read at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nonsac.io.errors import FilePath, input_error, library_missing, not_held
+from nonsac.sources.blocks import BlockSource
+from nonsac.sources.paths import Stamp, changed, file_errors, listed_files, open_file, stamp_of
+
+SUFFIXES = (".parquet", ".pq", ".parq", ".arrow", ".feather", ".ipc")
+_MARK_OF_ARROW = b"ARROW1"
+_NAMES_SHOWN = 20
+_AT_ONCE = 8  # footers, which are far away where there are many
+
+
+class ParquetSource(BlockSource):
+    """Rows of one or many Parquet or Arrow (Feather) files; only the wanted columns of the blocks needed are read.
+
+    Opening reads the footers of the files, and taking rows the row groups (Parquet) or record batches (Arrow) that
+    hold them, one after the other: memory is that of one of these, with the columns wanted. It pickles as the names of
+    the files and the numbers of rows of their blocks, and opens the files where it is used.
+
+    Parameters
+    ----------
+    paths : path, URL or sequence of them
+        A file, a folder (of its files at any depth those that end in .parquet, .arrow, .feather and the like; or all,
+        where none does), a pattern with `*`, or several of these, here or at any URL that fsspec knows (`s3://...`).
+        Rows are numbered through the files in this order, within a folder or pattern by name.
+    columns : sequence of str or int, optional
+        Names of columns, or their positions in the first file, in the order of the rows wanted; by default all columns
+        of numbers that the first file has, without the index that pandas adds. All files must have them. Integers and
+        floating-point numbers of any size are read as float64; what is missing is NaN.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns, in the order of the rows.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be read, is of another kind, truncated or damaged, or lacks a column; also while rows are
+        taken, where a file was changed since. The message names the file.
+    """
+
+    def __init__(self, paths: FilePath | Sequence[FilePath], columns: Sequence[str | int] | None = None) -> None:
+        self.paths = listed_files(paths, SUFFIXES)
+        _import_pyarrow(self.paths[0])
+        self.names = _chosen(self.paths[0], columns)
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            footers = list(pool.map(lambda path: _read_footer(path, self.names), self.paths))
+        rows = [count for footer in footers for count in footer.block_rows]
+        super().__init__(np.array([0, *accumulate(rows)], np.int64), len(self.names))
+        self._first_blocks = np.array([0, *accumulate(len(footer.block_rows) for footer in footers)], np.int64)
+        self._stamps = [footer.stamp for footer in footers]
+        self._bytes_per_row = sum(footer.bytes for footer in footers) / max(len(self), 1)
+
+    def with_columns(self, columns: Sequence[str | int]) -> ParquetSource:
+        """The same rows with other columns."""
+        return ParquetSource(self.paths, columns)
+
+    def bytes_to_take(self, rows: int) -> int:
+        """How many bytes are read for so many random rows, about: those of the blocks that hold one of them."""
+        sizes = np.diff(self.block_starts)
+        missed = (1.0 - sizes / max(len(self), 1)) ** rows
+        return round(self._bytes_per_row * float(sizes @ (1.0 - missed)))
+
+    def read_block(self, block: int) -> NDArray[np.float64]:
+        file = int(np.searchsorted(self._first_blocks, block, side="right")) - 1
+        path = self.paths[file]
+        if stamp_of(path) != self._stamps[file]:
+            raise changed(path)
+        expected = int(self.block_starts[block + 1] - self.block_starts[block])
+        rows = np.empty((expected, self.width))
+        with _opened(path) as opened:
+            table = opened.read_block(block - int(self._first_blocks[file]), self.names)
+            if table.num_rows != expected:
+                raise changed(path)
+            for place, name in enumerate(self.names):
+                rows[:, place] = table.column(name).to_numpy()
+        return rows
+
+
+@dataclass(frozen=True)
+class _Footer:
+    """What is known of a file without reading any row: bytes are those of the wanted columns."""
+
+    block_rows: list[int]
+    bytes: float
+    stamp: Stamp | None
+
+
+class _ParquetFile:
+    """An open Parquet file; its blocks are row groups."""
+
+    def __init__(self, file: Any) -> None:
+        from pyarrow import parquet  # type: ignore[import-untyped,unused-ignore]
+
+        self._file = parquet.ParquetFile(file, pre_buffer=True)
+        self.schema = self._file.schema_arrow
+
+    def block_rows(self) -> list[int]:
+        return [self._file.metadata.row_group(block).num_rows for block in range(self._file.num_row_groups)]
+
+    def bytes_of(self, columns: Sequence[str]) -> float:
+        metadata = self._file.metadata
+        wanted = [i for i in range(metadata.num_columns) if metadata.schema.column(i).path in columns]
+        groups = map(metadata.row_group, range(metadata.num_row_groups))
+        return float(sum(group.column(i).total_compressed_size for group in groups for i in wanted))
+
+    def read_block(self, block: int, columns: Sequence[str]) -> Any:
+        return self._file.read_row_group(block, columns=list(columns))
+
+
+class _ArrowFile:
+    """An open Arrow file (Feather, version 2); its blocks are record batches."""
+
+    def __init__(self, file: Any) -> None:
+        from pyarrow import ipc  # type: ignore[import-untyped,unused-ignore]
+
+        self._file, self._ipc = file, ipc
+        self.schema = self._reader().schema
+
+    def block_rows(self) -> list[int]:
+        reader = self._reader([0])  # lengths are not in the footer: the least that tells them
+        return [reader.get_batch(block).num_rows for block in range(reader.num_record_batches)]
+
+    def bytes_of(self, columns: Sequence[str]) -> float:
+        return sum(self.schema.field(name).type.bit_width for name in columns) / 8 * sum(self.block_rows())
+
+    def read_block(self, block: int, columns: Sequence[str]) -> Any:
+        from pyarrow import Table
+
+        fields = [self.schema.get_field_index(name) for name in columns]
+        return Table.from_batches([self._reader(fields).get_batch(block)])
+
+    def _reader(self, fields: Sequence[int] = ()) -> Any:
+        return self._ipc.open_file(self._file, options=self._ipc.IpcReadOptions(included_fields=list(fields)))
+
+
+@contextmanager
+def _opened(path: str) -> Iterator[Any]:
+    """The file, of the kind that its first bytes say."""
+    from pyarrow import PythonFile
+
+    with file_errors(path), open_file(path) as file:
+        head = file.read(len(_MARK_OF_ARROW))
+        if not head:
+            raise input_error(path, "the file is empty", "write or copy it again")
+        if head != _MARK_OF_ARROW and not head.startswith(b"PAR1"):
+            raise input_error(
+                path, "is neither a Parquet nor an Arrow file", "give Parquet, Arrow or Feather files only"
+            )
+        file.seek(0)
+        kind = _ArrowFile if head == _MARK_OF_ARROW else _ParquetFile
+        yield kind(PythonFile(file, mode="r"))
+
+
+def _read_footer(path: str, columns: Sequence[str]) -> _Footer:
+    stamp = stamp_of(path)
+    with _opened(path) as file:
+        _check_columns(path, file.schema, columns)
+        return _Footer(file.block_rows(), file.bytes_of(columns), stamp)
+
+
+def _chosen(path: str, columns: Sequence[str | int] | None) -> tuple[str, ...]:
+    """The names of the columns wanted, of which some may be given by their positions in the first file."""
+    with _opened(path) as file:
+        schema = file.schema
+    if columns is None:
+        numbers = [name for name in schema.names if _is_number(schema, name) and not name.startswith("__index_level_")]
+        if not numbers:
+            raise input_error(path, "holds no columns of numbers", "save integers or floating-point numbers")
+        return tuple(numbers)
+    if isinstance(columns, str) or not columns:
+        raise ValueError(f"columns must be a sequence of names or positions, got {columns!r}")
+    names = tuple(_name_of(path, schema.names, column) for column in columns)
+    if len(set(names)) < len(names):
+        raise ValueError(f"columns must be different ones, got {', '.join(names)}")
+    return names
+
+
+def _name_of(path: str, names: Sequence[str], column: str | int) -> str:
+    if isinstance(column, str):
+        return column
+    if not 0 <= column < len(names):
+        raise not_held(path, f"column {column}, counted from 0", names, _NAMES_SHOWN)
+    return names[column]
+
+
+def _check_columns(path: str, schema: Any, columns: Sequence[str]) -> None:
+    for name in columns:
+        count = schema.names.count(name)
+        if count == 0:
+            raise not_held(path, f"column {name!r}", schema.names, _NAMES_SHOWN)
+        if count > 1:
+            raise input_error(path, f"holds {count} columns {name!r}", "give each its own name")
+        if not _is_number(schema, name):
+            problem = f"column {name!r} holds {schema.field(name).type}, not numbers"
+            fix = "save integers or floating-point numbers, or choose other columns"
+            raise input_error(path, f"{problem} (it holds {', '.join(schema.names[:_NAMES_SHOWN])})", fix)
+
+
+def _is_number(schema: Any, name: str) -> bool:
+    from pyarrow import types
+
+    index = schema.get_field_index(name)
+    return index >= 0 and bool(types.is_integer(schema.types[index]) or types.is_floating(schema.types[index]))
+
+
+def _import_pyarrow(path: FilePath) -> Any:
+    try:
+        import pyarrow  # type: ignore[import-untyped,unused-ignore]
+    except ImportError as error:
+        raise library_missing(path, "Parquet and Arrow files", "pyarrow", "parquet") from error
+    return pyarrow

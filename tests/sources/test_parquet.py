@@ -1,0 +1,282 @@
+import os
+import pickle
+import re
+import shutil
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from nonsac.io import InputError
+from nonsac.sources import ParquetSource, parquet
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+feather = pytest.importorskip("pyarrow.feather")
+
+NAMES = ("x1", "y1", "x2", "y2")
+ROWS = np.arange(400.0).reshape(100, 4)
+
+
+def table(rows=ROWS, names=NAMES, **more):
+    return pa.table(dict(zip(names, rows.T, strict=True)) | more)
+
+
+def write(path, data=None, rows=30, **options):
+    data = table() if data is None else data
+    options["compression"] = options.get("compression") or ("none" if path.suffix == ".parquet" else "uncompressed")
+    if path.suffix == ".parquet":
+        pq.write_table(data, path, row_group_size=rows, **options)
+    else:
+        feather.write_feather(data, str(path), compression=options["compression"], chunksize=rows)
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three files of 40, 40 and 20 rows, in row groups of at most 15."""
+    for number, (first, last) in enumerate([(0, 40), (40, 80), (80, 100)]):
+        (tmp_path / f"year={number}").mkdir()
+        write(tmp_path / f"year={number}" / "part.parquet", table(ROWS[first:last]), 15)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow", "a.feather"])
+@pytest.mark.parametrize("compression", ["lz4", None])
+def test_rows_and_blocks_are_those_of_the_file(tmp_path, name, compression):
+    source = ParquetSource(write(tmp_path / name, compression=compression))
+    assert source.block_starts.tolist() == [0, 30, 60, 90, 100]
+    indices = np.array([99, 0, 31, 31, 5])
+    np.testing.assert_array_equal(source.take(indices), ROWS[indices])
+    np.testing.assert_array_equal(np.vstack(list(source.chunks(7))), ROWS)
+
+
+@pytest.mark.parametrize("columns", [["y2", "x1"], [3, 0], ["y2", 0]])
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_columns_by_name_and_position(tmp_path, name, columns):
+    source = ParquetSource(write(tmp_path / name), columns)
+    assert (source.width, source.names) == (2, ("y2", "x1"))
+    np.testing.assert_array_equal(source.take(np.arange(100)), ROWS[:, [3, 0]])
+    np.testing.assert_array_equal(source.with_columns(["x2"]).take(np.array([4])), [[18.0]])
+
+
+def test_all_columns_of_numbers_are_taken_by_default(tmp_path):
+    more = {"word": ["a"] * 100, "__index_level_0__": np.arange(100), "day": pa.array([0] * 100, pa.date32())}
+    source = ParquetSource(write(tmp_path / "a.parquet", table(**more)))
+    assert source.names == NAMES
+
+
+@pytest.mark.parametrize("kind", ["f2", "f4", "f8", "i1", "i8", "u1", "u4"])
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_numbers_of_any_size(tmp_path, name, kind):
+    numbers = np.arange(10).astype(kind)
+    source = ParquetSource(write(tmp_path / name, pa.table({"n": numbers})))
+    taken = source.take(np.arange(10))
+    assert taken.dtype == np.float64
+    np.testing.assert_array_equal(taken[:, 0], numbers)
+
+
+@pytest.mark.parametrize("kind", [pa.int32(), pa.float32(), pa.float64(), pa.uint8()])
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_what_is_missing_is_nan(tmp_path, name, kind):
+    source = ParquetSource(write(tmp_path / name, pa.table({"n": pa.array([1, None, 3], kind)})))
+    np.testing.assert_array_equal(source.take(np.arange(3)), [[1.0], [np.nan], [3.0]])
+
+
+@pytest.mark.parametrize("style", [str, lambda folder: f"{folder}/*/part.parquet", lambda folder: f"{folder}/**"])
+def test_a_folder_or_pattern_is_its_files_in_order(folder, style):
+    (folder / "_SUCCESS").touch()
+    (folder / ".part.crc").touch()
+    if "**" not in style(folder):
+        (folder / "readme.txt").write_text("not data")
+    paths = style(folder)
+    source = ParquetSource(paths if "**" not in paths else f"{paths}/*.parquet")
+    assert source.block_starts.tolist() == [0, 15, 30, 40, 55, 70, 80, 95, 100]
+    np.testing.assert_array_equal(source.take(np.arange(100)), ROWS)
+
+
+def test_files_without_a_suffix_in_a_folder(tmp_path):
+    shutil.move(write(tmp_path / "a.parquet"), tmp_path / "part-0")
+    np.testing.assert_array_equal(ParquetSource(tmp_path).take(np.arange(100)), ROWS)
+
+
+def test_parquet_and_arrow_files_in_a_list_keep_its_order(tmp_path):
+    paths = [write(tmp_path / "b.parquet", table(ROWS[:50])), str(write(tmp_path / "a.arrow", table(ROWS[50:])))]
+    np.testing.assert_array_equal(ParquetSource(paths).take(np.arange(100)), ROWS)
+
+
+def test_files_behind_urls(folder):
+    fsspec = pytest.importorskip("fsspec")
+    memory = fsspec.filesystem("memory")
+    memory.put(str(folder), "/rows", recursive=True)
+    for paths in ("memory://rows", "memory://rows/*/part.parquet", f"file://{folder}"):
+        source = pickle.loads(pickle.dumps(ParquetSource(paths, ["x2"])))
+        np.testing.assert_array_equal(source.take(np.arange(100)), ROWS[:, [2]])
+    for paths in ("memory://nothing.parquet", "memory://rows/*.arrow"):
+        with pytest.raises(InputError, match=r"memory://\S+: no "):
+            ParquetSource(paths)
+    with pytest.raises(InputError, match=r"unknown://rows: .*unknown"):
+        ParquetSource("unknown://rows")
+    memory.rm("/rows", recursive=True)
+
+
+@pytest.fixture
+def reads(monkeypatch):
+    """What is read of the files: (block of the file, columns)."""
+    seen = []
+    for kind in (parquet._ParquetFile, parquet._ArrowFile):
+        read = kind.read_block
+        monkeypatch.setattr(
+            kind,
+            "read_block",
+            lambda self, block, columns, read=read: seen.append((block, *columns)) or read(self, block, columns),
+        )
+    return seen
+
+
+def test_only_row_groups_that_hold_a_row_are_read_and_each_once(folder, reads):
+    source = ParquetSource(folder, ["y2", "x1"])
+    assert reads == []
+    source.take(np.array([96, 31, 32, 97, 3]))
+    assert reads == [(0, "y2", "x1"), (2, "y2", "x1"), (1, "y2", "x1")]
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_other_columns_are_not_read(tmp_path, name):
+    """Not even damaged: the file is overwritten where they are."""
+    rng = np.random.default_rng(0)
+    names = tuple("abcdefgh")
+    rows = rng.normal(size=(4000, 8))
+    path = write(tmp_path / name, table(rows, names), 4000, use_dictionary=False)
+    whole = ParquetSource(path)
+    content = path.read_bytes()
+    places = [content.index(rows[:4, column].tobytes()) for column in range(8)]
+    damaged = bytearray(content)
+    for place in places[1:]:
+        damaged[place : place + 30_000] = b"\xff" * 30_000
+    path.write_bytes(damaged)
+    source = ParquetSource(path, ["a"])
+    np.testing.assert_array_equal(source.take(np.arange(4000)), rows[:, :1])
+    assert source.bytes_to_take(1) < 0.2 * whole.bytes_to_take(1)
+
+
+def test_bytes_are_those_of_the_blocks_that_random_rows_hit(tmp_path):
+    rows = np.random.default_rng(0).normal(size=(100_000, 4))
+    path = write(tmp_path / "a.parquet", table(rows), 1000)
+    source, size = ParquetSource(path), path.stat().st_size
+    assert source.bytes_to_take(0) == 0
+    assert source.bytes_to_take(1) == pytest.approx(size / 100, rel=0.1)
+    assert source.bytes_to_take(100) == pytest.approx(size * (1 - 0.99**100), rel=0.1)
+    assert source.bytes_to_take(100_000) == pytest.approx(size, rel=0.1)
+
+
+def test_no_rows(tmp_path):
+    source = ParquetSource(write(tmp_path / "a.parquet", table(ROWS[:0])))
+    assert (len(source), source.width, source.bytes_to_take(10)) == (0, 4, 0)
+    assert source.take(np.empty(0, np.int64)).shape == (0, 4)
+
+
+def test_the_pickle_is_a_description(folder):
+    source = ParquetSource(folder)
+    source.take(np.arange(100))
+    assert len(pickle.dumps(source)) < 2000
+
+
+def test_a_column_that_is_not_there(tmp_path):
+    path = write(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a.parquet: holds no column 'u' \(it holds x1, y1, x2, y2\)"):
+        ParquetSource(path, ["x1", "u"])
+    with pytest.raises(InputError, match=r"a.parquet: holds no column 4, counted from 0 \(it holds x1, y1, x2, y2\)"):
+        ParquetSource(path, [4])
+    for columns, message in (([], r"columns must be a sequence .* got \[\]"), ("x1", "got 'x1'"), ([0, 0], "x1, x1")):
+        with pytest.raises(ValueError, match=message):
+            ParquetSource(path, columns)
+
+
+@pytest.mark.parametrize("name", ["b.parquet", "b.arrow"])
+def test_a_partition_of_another_schema_is_named(tmp_path, name):
+    first, second = write(tmp_path / "a.parquet"), tmp_path / name
+    write(second, table(names=("x1", "y1", "u2", "y2")))
+    with pytest.raises(InputError, match=rf"{name}: holds no column 'x2' \(it holds x1, y1, u2, y2\)"):
+        ParquetSource([first, second])
+    for wrong in (pa.array(["a"] * 100), pa.array([None] * 100, pa.decimal128(5)), pa.array([True] * 100)):
+        write(second, table(ROWS[:, :3], NAMES[:3], y2=wrong))
+        with pytest.raises(InputError, match=re.escape(f"{name}: column 'y2' holds {wrong.type}, not numbers")):
+            ParquetSource([first, second], NAMES)
+    assert ParquetSource([first, second], ["x1"]).take(np.array([100])) == ROWS[0, 0]
+
+
+def test_other_content_is_refused(tmp_path):
+    path = tmp_path / "a.parquet"
+    for content, message in (
+        (b"", "the file is empty"),
+        (b"x1,y1\n1,2\n", "is neither a Parquet nor an Arrow file"),
+        (b"PAR1", "is truncated or damaged"),
+        (b"ARROW1", "is truncated or damaged"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=f"a.parquet: {message}"):
+            ParquetSource(path)
+    path.write_bytes(write(tmp_path / "b.parquet", pa.table({"word": ["a"]})).read_bytes())
+    with pytest.raises(InputError, match=r"a.parquet: holds no columns of numbers"):
+        ParquetSource(path)
+    with pytest.raises(InputError, match=r"none.parquet: no such file"):
+        ParquetSource(tmp_path / "none.parquet")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"empty: the folder holds no files"):
+        ParquetSource(tmp_path / "empty")
+    with pytest.raises(InputError, match=r"\*.arrow: no file matches"):
+        ParquetSource(f"{tmp_path}/*.arrow")
+    with pytest.raises(ValueError, match="paths must name at least one"):
+        ParquetSource([])
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_a_file_cut_anywhere_is_refused_in_one_line(tmp_path, name):
+    content = write(tmp_path / name).read_bytes()
+    for length in range(0, len(content), 97):
+        (tmp_path / name).write_bytes(content[:length])
+        with pytest.raises(InputError) as caught:
+            ParquetSource(tmp_path / name)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_damaged_bytes_are_refused_or_read(tmp_path, name, rng):
+    content = np.frombuffer(write(tmp_path / name, compression="lz4").read_bytes(), np.uint8)
+    for _ in range(60):
+        damaged = content.copy()
+        damaged[rng.integers(8, len(content), 20)] = rng.integers(0, 256, 20)
+        (tmp_path / name).write_bytes(damaged.tobytes())
+        # Fewer rows is what it may then say, and hence an IndexError.
+        with suppress(InputError, IndexError):
+            assert ParquetSource(tmp_path / name, ["x1"]).take(np.array([1, 50, 99])).shape == (3, 1)
+
+
+def test_a_file_that_changes_while_it_is_read(tmp_path):
+    path = write(tmp_path / "a.parquet")
+    source = ParquetSource(path)
+    os.utime(path, ns=(0, 0))
+    with pytest.raises(InputError, match=r"a.parquet: the file was changed after it was opened"):
+        source.take(np.array([0]))
+    path.unlink()
+    with pytest.raises(InputError, match=r"a.parquet: no such file"):
+        source.take(np.array([0]))
+
+
+def test_a_file_behind_a_url_that_becomes_shorter(tmp_path):
+    path = write(tmp_path / "a.parquet")
+    source = ParquetSource(f"file://{path}")
+    write(path, table(ROWS[:40]))
+    np.testing.assert_array_equal(source.take(np.array([3])), ROWS[[3]])
+    with pytest.raises(InputError, match=r"a.parquet: the file was changed"):
+        source.take(np.array([31]))
+    with pytest.raises(InputError, match=r"a.parquet: cannot be read"):
+        source.take(np.array([91]))
+
+
+def test_without_pyarrow(tmp_path, monkeypatch):
+    path = write(tmp_path / "a.parquet")
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r'needs pyarrow; pip install "nonsac\[parquet\]"'):
+        ParquetSource(path)
