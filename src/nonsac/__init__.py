@@ -22,10 +22,14 @@ if TYPE_CHECKING:
         Hdf5Source,
         JoinedSource,
         LasSource,
+        MappedSource,
         NpySource,
+        ParquetSource,
         RawSource,
+        StreamSource,
         ZarrSource,
     )
+    from nonsac.sources.open import open_source
 
 __version__ = version("nonsac")
 
@@ -41,9 +45,11 @@ __all__ = [
     "Job",
     "JoinedSource",
     "LasSource",
+    "MappedSource",
     "NpySource",
     "OrientedPairs",
     "OrientedRegistration",
+    "ParquetSource",
     "Pcr99",
     "Ransac",
     "RawSource",
@@ -51,6 +57,7 @@ __all__ = [
     "RelativePose",
     "Result",
     "Status",
+    "StreamSource",
     "Weighted",
     "WorkerDied",
     "ZarrSource",
@@ -58,6 +65,7 @@ __all__ = [
     "estimate",
     "estimate_many",
     "evaluation",
+    "open_source",
     "register_clouds",
     "register_pairs",
     "relative_pose",
@@ -80,10 +88,14 @@ _HOMES = {
         "Hdf5Source",
         "JoinedSource",
         "LasSource",
+        "MappedSource",
         "NpySource",
+        "ParquetSource",
         "RawSource",
+        "StreamSource",
         "ZarrSource",
     ),
+    "nonsac.sources.open": ("open_source",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

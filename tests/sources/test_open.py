@@ -1,0 +1,164 @@
+import numpy as np
+import pytest
+
+import nonsac
+from nonsac.io import InputError
+from nonsac.sources import ArraySource, ParquetSource
+
+ROWS = np.arange(60.0).reshape(12, 5)
+NAMES = ("u", "v", "X", "Y", "Z")
+
+
+def npy(path):
+    with path.open("wb") as file:
+        np.save(file, ROWS)
+
+
+def npz(path):
+    with path.open("wb") as file:
+        np.savez(file, rows=ROWS, K=np.arange(9))
+
+
+def csv(path):
+    np.savetxt(path, ROWS, delimiter=",", header=",".join(NAMES), comments="")
+
+
+def text(path):
+    np.savetxt(path, ROWS)
+
+
+def parquet(path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    pq.write_table(pytest.importorskip("pyarrow").table(dict(zip(NAMES, ROWS.T, strict=True))), path)
+
+
+def feather(path):
+    write = pytest.importorskip("pyarrow.feather").write_feather
+    write(pytest.importorskip("pyarrow").table(dict(zip(NAMES, ROWS.T, strict=True))), str(path))
+
+
+def folder(path):
+    path.mkdir()
+    parquet(path / "a.parquet")
+
+
+def hdf5(path):
+    with pytest.importorskip("h5py").File(path, "w") as file:
+        file["rows"] = ROWS
+
+
+def zarr_array(path):
+    zarr = pytest.importorskip("zarr")
+    zarr.create_array(str(path), data=ROWS)
+
+
+def zarr_group(path):
+    zarr = pytest.importorskip("zarr")
+    zarr.open_group(str(path), mode="w").create_array("rows", data=ROWS)
+
+
+def las(path):
+    laspy = pytest.importorskip("laspy")
+    cloud = laspy.create()
+    cloud.x, cloud.y, cloud.z = ROWS[:, :3].T
+    with path.open("wb") as file:
+        cloud.write(file)
+
+
+KINDS = {
+    "npy": (npy, "NpySource"),
+    "npz": (npz, "ArraySource"),
+    "csv": (csv, "ArraySource"),
+    "text": (text, "ArraySource"),
+    "parquet": (parquet, "ParquetSource"),
+    "feather": (feather, "ParquetSource"),
+    "folder": (folder, "ParquetSource"),
+    "hdf5": (hdf5, "Hdf5Source"),
+    "zarr array": (zarr_array, "ZarrSource"),
+    "zarr group": (zarr_group, "ZarrSource"),
+    "las": (las, "LasSource"),
+}
+
+
+@pytest.mark.parametrize("name", ["rows", "rows.bin"])
+@pytest.mark.parametrize(("write", "kind"), KINDS.values(), ids=KINDS)
+def test_the_content_tells_the_kind(tmp_path, write, kind, name):
+    write(tmp_path / name)
+    source = nonsac.open_source(tmp_path / name)
+    assert type(source).__name__ == kind
+    rows = ROWS[:, :3] if kind == "LasSource" else ROWS
+    np.testing.assert_allclose(source.take(np.array([11, 0])), rows[[11, 0]], atol=0.01 if kind == "LasSource" else 0)
+
+
+@pytest.mark.parametrize(("write", "kind"), [pair for pair in KINDS.values() if pair[0] is not las])
+def test_columns_by_position(tmp_path, write, kind):
+    write(tmp_path / "rows")
+    source = nonsac.open_source(tmp_path / "rows", columns=[3, 0])
+    np.testing.assert_array_equal(source.take(np.arange(12)), ROWS[:, [3, 0]])
+
+
+@pytest.mark.parametrize("write", [csv, parquet, feather, folder])
+def test_columns_by_name(tmp_path, write):
+    write(tmp_path / "rows")
+    source = nonsac.open_source(tmp_path / "rows", columns=["Y", "u"])
+    np.testing.assert_array_equal(source.take(np.arange(12)), ROWS[:, [3, 0]])
+    with pytest.raises(InputError, match=r"rows\S*: .*(no column 'w'|names no w).*[zZ]"):
+        nonsac.open_source(tmp_path / "rows", columns=["w", "u"])
+
+
+@pytest.mark.parametrize("write", [npz, hdf5, zarr_group])
+def test_datasets(tmp_path, write):
+    write(tmp_path / "rows")
+    np.testing.assert_array_equal(nonsac.open_source(tmp_path / "rows", dataset="rows").take(np.arange(12)), ROWS)
+    with pytest.raises(InputError, match="rows: "):
+        nonsac.open_source(tmp_path / "rows", dataset="other")
+
+
+def test_lists_and_patterns_and_urls(tmp_path):
+    parquet(tmp_path / "a.parquet")
+    feather(tmp_path / "b.arrow")
+    for paths in ([tmp_path / "a.parquet", tmp_path / "b.arrow"], f"{tmp_path}/[ab].*", f"file://{tmp_path}/*"):
+        source = nonsac.open_source(paths)
+        assert isinstance(source, ParquetSource)
+        np.testing.assert_array_equal(source.take(np.arange(24)), np.vstack([ROWS, ROWS]))
+
+
+@pytest.mark.parametrize("keys", [("points2d", "points3d"), ("x", "X")])
+def test_the_parts_of_an_archive_stand_side_by_side(tmp_path, keys):
+    np.savez(tmp_path / "rows.npz", **dict(zip(keys, (ROWS[:, :2], ROWS[:, 2:]), strict=True)))
+    source = nonsac.open_source(tmp_path / "rows.npz")
+    assert isinstance(source, ArraySource)
+    np.testing.assert_array_equal(source.take(np.arange(12)), ROWS)
+
+
+def test_what_is_no_table_is_refused(tmp_path):
+    path = tmp_path / "rows"
+    for content, message in (
+        (b"", "the file is empty"),
+        (b"\x89PNG\r\n", "is no table of rows, it looks like: PNG image"),
+        (b"\x00\x01\x02", "is no table of rows, it looks like: unknown binary file"),
+        (b"1 2\n3 x\n", "line 2: 'x' is not a number"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=f"rows: {message}"):
+            nonsac.open_source(path)
+    text(path)
+    with pytest.raises(InputError, match="rows: holds no datasets, it is a text table"):
+        nonsac.open_source(path, dataset="a")
+    for columns in ([-1], [0, 5]):
+        with pytest.raises(InputError, match=f"rows: holds 5 columns, no column {columns[-1]}; count them from 0"):
+            nonsac.open_source(path, columns=columns)
+    with pytest.raises(InputError, match="rows: has no header line"):
+        nonsac.open_source(path, columns=["u"])
+    with pytest.raises(InputError, match="a text table cannot be read from a URL; download it"):
+        nonsac.open_source(f"file://{path}")
+    with pytest.raises(InputError, match="none: no such file"):
+        nonsac.open_source(tmp_path / "none")
+    np.savez(tmp_path / "two.npz", a=ROWS, b=ROWS)
+    with pytest.raises(InputError, match=r"two.npz: cannot tell which array .* a, b; name one"):
+        nonsac.open_source(tmp_path / "two.npz")
+    with pytest.raises(InputError, match=r"two.npz: holds 5 columns, no column 7"):
+        nonsac.open_source(tmp_path / "two.npz", dataset="a", columns=[7])
+    np.savez(tmp_path / "odd.npz", x=ROWS, X=ROWS[1:])
+    with pytest.raises(InputError, match=r"odd.npz: holds no rows of numbers"):
+        nonsac.open_source(tmp_path / "odd.npz")
