@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from nonsac.camera import Camera
     from nonsac.estimators import OrientedPairs, Pcr99, Ransac
     from nonsac.pipeline import estimate
+    from nonsac.planning import Plan, plan
     from nonsac.poses import absolute_pose, relative_pose
     from nonsac.problems import AbsolutePose, OrientedRegistration, Registration, RelativePose, Weighted
     from nonsac.result import Alternative, FailedEstimation, Hypothesis, Result, Status
@@ -51,6 +52,7 @@ __all__ = [
     "OrientedRegistration",
     "ParquetSource",
     "Pcr99",
+    "Plan",
     "Ransac",
     "RawSource",
     "Registration",
@@ -66,6 +68,7 @@ __all__ = [
     "estimate_many",
     "evaluation",
     "open_source",
+    "plan",
     "register_clouds",
     "register_pairs",
     "relative_pose",
@@ -79,6 +82,7 @@ _HOMES = {
     "nonsac.camera": ("Camera",),
     "nonsac.estimators": ("OrientedPairs", "Pcr99", "Ransac"),
     "nonsac.pipeline": ("estimate",),
+    "nonsac.planning": ("Plan", "plan"),
     "nonsac.poses": ("absolute_pose", "relative_pose"),
     "nonsac.problems": ("AbsolutePose", "OrientedRegistration", "Registration", "RelativePose", "Weighted"),
     "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Result", "Status"),
