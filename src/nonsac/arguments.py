@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from nonsac.result import Array, Result
 
 
-def points_argument(points: ArrayLike, name: str, width: int) -> NDArray[Any]:
+def points_argument(points: ArrayLike | None, name: str, width: int) -> NDArray[Any]:
     """Points as an (n, width) array of their own dtype, not copied, or an error that says what is wrong with them."""
     if np.ma.isMaskedArray(points):
         points = np.ma.filled(np.ma.asarray(points).astype(np.float64), np.nan)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.arguments import points_argument, warn_dropped_rows, weights_argument
+from nonsac.arguments import warn_dropped_rows
 from nonsac.camera import Camera, CameraLike
+from nonsac.correspondences import MATCHES, POINTS, Correspondences, rows_of_arrays, rows_of_source
 from nonsac.estimators import Estimator, Ransac
 from nonsac.executors import Workers
 from nonsac.pipeline import Auto, estimate
@@ -19,7 +20,7 @@ from nonsac.problems import AbsolutePose, Problem, RelativePose, Weighted
 from nonsac.refine import Refiner
 from nonsac.result import Array, Result, Status
 from nonsac.scoring import ScoringRule
-from nonsac.sources import JoinedSource
+from nonsac.sources import Source
 
 Random = int | np.random.Generator | None
 Progress = Callable[[int, int], object]
@@ -28,8 +29,8 @@ _LARGEST_NORMALISED = 10.0
 
 
 def relative_pose(
-    points1: ArrayLike,
-    points2: ArrayLike,
+    points1: ArrayLike | Source,
+    points2: ArrayLike | None = None,
     camera1: CameraLike | None = None,
     camera2: CameraLike | None = None,
     *,
@@ -54,6 +55,9 @@ def relative_pose(
     points1, points2 : (n, 2) array
         Row i of one is hypothesised to match row i of the other. Pixels where cameras are given, else normalised
         image coordinates (x/z, y/z) without distortion. Rows with NaN or infinity are dropped.
+
+        Or `points1` alone: a source (see `nonsac.open_source`) with the columns x1 y1 x2 y2 and perhaps a weight, in
+        this order; where it has columns of these names, they are picked by them.
     camera1, camera2 : camera, optional
         A matrix K (3, 3), `(fx, fy, cx, cy)`, a COLMAP model string or dict, or a `Camera`; `camera2` is `camera1`
         where it is left out. Nothing is shifted: points and cameras share one convention for the centres of pixels,
@@ -79,20 +83,21 @@ def relative_pose(
     ValueError, TypeError
         Where an argument is out of its range; the message names it.
     """
-    a, b = points_argument(points1, "points1", 2), points_argument(points2, "points2", 2)
-    if len(a) != len(b):
-        raise ValueError(f"relative_pose needs points1[i] to match points2[i]; got {len(a)} and {len(b)} rows")
+    if isinstance(points1, Source):
+        rows = rows_of_source(points1, MATCHES, "points1", points2=points2, weights=weights)
+    else:
+        rows = rows_of_arrays("relative_pose", {"points1": points1, "points2": points2}, MATCHES.widths, weights)
     if camera1 is None and camera2 is not None:
         raise ValueError("camera1 must be given where camera2 is")
     first = None if camera1 is None else Camera.parse(camera1, "camera1")
     second = first if camera2 is None else Camera.parse(camera2, "camera2")
+    a, b = rows.parts
     wrong_unit = [_warn_wrong_unit(a, "points1", first, "camera1"), _warn_wrong_unit(b, "points2", second, "camera2")]
     problem = RelativePose() if first is None or second is None else RelativePose(first.focal, second.focal)
     return _estimate(
-        [a, b],
+        rows,
         [_normaliser(first), _normaliser(second)],
         problem,
-        weights_argument(weights, len(a)),
         any(wrong_unit),
         noise=noise,
         samples=samples,
@@ -110,8 +115,8 @@ def relative_pose(
 
 
 def absolute_pose(
-    points2d: ArrayLike,
-    points3d: ArrayLike,
+    points2d: ArrayLike | Source,
+    points3d: ArrayLike | None = None,
     camera: CameraLike | None = None,
     *,
     noise: float | None = None,
@@ -137,6 +142,8 @@ def absolute_pose(
     points3d : (n, 3) array
         Row i is hypothesised to be seen at row i of `points2d`; any unit and origin. Rows with NaN or infinity are
         dropped.
+
+        Or `points2d` alone: a source with the columns u v X Y Z and perhaps a weight, as in `relative_pose`.
     camera : camera, optional
         A matrix K (3, 3), `(fx, fy, cx, cy)`, a COLMAP model string or dict, or a `Camera`, with the same convention
         for the centres of pixels as the points.
@@ -159,18 +166,16 @@ def absolute_pose(
     ValueError, TypeError
         Where an argument is out of its range; the message names it.
     """
-    image, world = points_argument(points2d, "points2d", 2), points_argument(points3d, "points3d", 3)
-    if len(image) != len(world):
-        raise ValueError(
-            f"absolute_pose needs points2d[i] to match points3d[i]; got {len(image)} and {len(world)} rows"
-        )
+    if isinstance(points2d, Source):
+        rows = rows_of_source(points2d, POINTS, "points2d", points3d=points3d, weights=weights)
+    else:
+        rows = rows_of_arrays("absolute_pose", {"points2d": points2d, "points3d": points3d}, POINTS.widths, weights)
     parsed = None if camera is None else Camera.parse(camera, "camera")
-    wrong_unit = [_warn_wrong_unit(image, "points2d", parsed, "camera")]
+    wrong_unit = [_warn_wrong_unit(rows.parts[0], "points2d", parsed, "camera")]
     return _estimate(
-        [image, world],
+        rows,
         [_normaliser(parsed), None],
         AbsolutePose() if parsed is None else AbsolutePose(parsed.focal),
-        weights_argument(weights, len(image)),
         any(wrong_unit),
         noise=noise,
         samples=samples,
@@ -188,10 +193,9 @@ def absolute_pose(
 
 
 def _estimate(
-    arrays: list[NDArray[Any]],
+    rows: Correspondences,
     maps: list[Callable[[Array], Array] | None],
     problem: Problem,
-    weights: Array | None,
     wrong_unit: bool,
     estimator: Estimator | None,
     **settings: Any,
@@ -200,9 +204,7 @@ def _estimate(
         # With a small baseline nearly every pose has nearly all inliers, and a good one needs a longer search.
         least = 1000 if isinstance(problem, RelativePose) else 100
         estimator = Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=least)
-    if weights is not None:
-        problem, arrays, maps = Weighted(problem), [*arrays, weights[:, None]], [*maps, None]
-    result = estimate(JoinedSource(arrays, maps), problem, estimator, **settings)
+    result = estimate(rows.through(maps), Weighted(problem) if rows.weighted else problem, estimator, **settings)
     warn_dropped_rows(result, "that are NaN or infinite, or that the lens maps no ray to", stacklevel=3)
     if wrong_unit and result.status in (
         Status.OK,

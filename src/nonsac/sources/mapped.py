@@ -54,6 +54,16 @@ class MappedSource:
 
 
 @dataclass(frozen=True)
+class ColumnMap:
+    """Picks columns by their positions."""
+
+    columns: tuple[int, ...]
+
+    def __call__(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        return rows[:, self.columns]
+
+
+@dataclass(frozen=True)
 class BySideMap:
     """Passes neighbouring columns through maps of their own, as `JoinedSource` does with arrays.
 
