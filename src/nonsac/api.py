@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.arguments import points_argument, warn_dropped, warn_dropped_rows, weights_argument
+from nonsac.arguments import points_argument, warn_dropped, warn_dropped_rows
 from nonsac.clouds import Agreement, CommonFrame, SurfaceRefiner, coarse_overlap
+from nonsac.correspondences import PAIRS, rows_of_arrays, rows_of_source
 from nonsac.estimators import Estimator, OrientedPairs, Pcr99
 from nonsac.executors import Workers
 from nonsac.pipeline import Auto, Stopwatch, estimate
@@ -19,7 +20,7 @@ from nonsac.refine import Refiner
 from nonsac.result import VERSION, Array, Result, Status, failed
 from nonsac.sampling import canonical_seed
 from nonsac.scoring import ScoringRule, TruncatedLp
-from nonsac.sources import AllPairsSource, JoinedSource
+from nonsac.sources import AllPairsSource, Source
 from nonsac.surfaces import Surface
 
 Random = int | np.random.Generator | None
@@ -110,8 +111,8 @@ def register_clouds(
 
 
 def register_pairs(
-    source: ArrayLike,
-    target: ArrayLike,
+    source: ArrayLike | Source,
+    target: ArrayLike | None = None,
     *,
     noise: float | None = None,
     scale: float | None = 1.0,
@@ -134,6 +135,9 @@ def register_pairs(
     ----------
     source, target : (n, 3) array
         Rows with NaN or infinity are dropped.
+
+        Or `source` alone: a source of rows (see `nonsac.open_source`) with the columns x1 y1 z1 x2 y2 z2 and perhaps a
+        weight, in this order; where it has columns of these names, they are picked by them.
     noise : float, optional
         Standard deviation of a right match per coordinate, in the unit of the data; measured where it is left out. Rows
         with a residual below 5 `noise` are inliers.
@@ -155,21 +159,17 @@ def register_pairs(
     ValueError, TypeError
         Where the arrays are not (n, 3) numbers of equal length, or another argument is out of its range.
     """
-    a, b = points_argument(source, "source", 3), points_argument(target, "target", 3)
-    if len(a) != len(b):
-        raise ValueError(
-            f"register_pairs needs source[i] to match target[i]; got {len(a)} and {len(b)} rows. "
-            "For unmatched clouds use register_clouds."
-        )
+    if isinstance(source, Source):
+        rows = rows_of_source(source, PAIRS, "source", target=target, weights=weights)
+    else:
+        arrays = {"source": source, "target": target}
+        hint = ". For unmatched clouds use register_clouds."
+        rows = rows_of_arrays("register_pairs", arrays, PAIRS.widths, weights, hint)
     if estimator is None:
         estimator = Pcr99() if scale is None else Pcr99.for_pairs()
-    problem: Problem = Registration(scale)
-    arrays = [a, b]
-    uneven = weights_argument(weights, len(a))
-    if uneven is not None:
-        problem, arrays = Weighted(problem), [a, b, uneven[:, None]]
+    problem: Problem = Weighted(Registration(scale)) if rows.weighted else Registration(scale)
     result = estimate(
-        JoinedSource(arrays),
+        rows.through([None, None]),
         problem,
         estimator,
         noise=noise,

@@ -57,13 +57,13 @@ class Correspondences:
 
 
 def rows_of_arrays(
-    call: str, arrays: dict[str, Any], widths: Sequence[int], weights: ArrayLike | None
+    call: str, arrays: dict[str, Any], widths: Sequence[int], weights: ArrayLike | None, hint: str = ""
 ) -> Correspondences:
     """Check two arrays, named as the user knows them, and their weights."""
     (name1, first), (name2, second) = arrays.items()
     a, b = points_argument(first, name1, widths[0]), points_argument(second, name2, widths[1])
     if len(a) != len(b):
-        raise ValueError(f"{call} needs {name1}[i] to match {name2}[i]; got {len(a)} and {len(b)} rows")
+        raise ValueError(f"{call} needs {name1}[i] to match {name2}[i]; got {len(a)} and {len(b)} rows{hint}")
     uneven = weights_argument(weights, len(a))
     return Correspondences((a, b), uneven is not None, weights=uneven)
 
