@@ -127,11 +127,11 @@ class Blocks(ArraySource):
 
 
 def test_rows_spread_over_a_source():
-    assert spread_rows(ArraySource(np.zeros((10, 1))), 4).tolist() == [0, 2, 5, 7]
-    assert spread_rows(ArraySource(np.zeros((3, 1))), 4).tolist() == [0, 1, 2]
-    assert spread_rows(ArraySource(np.zeros((0, 1))), 4).tolist() == []
-    assert spread_rows(Blocks([0, 5, 5, 8]), 99).tolist() == list(range(8))
-    found = spread_rows(Blocks([0, *range(100, 100_001, 100)]), 400)
+    assert spread_rows(ArraySource(np.zeros((10, 1))), 4, 8).tolist() == [0, 2, 5, 7]
+    assert spread_rows(ArraySource(np.zeros((3, 1))), 4, 8).tolist() == [0, 1, 2]
+    assert spread_rows(ArraySource(np.zeros((0, 1))), 4, 8).tolist() == []
+    assert spread_rows(Blocks([0, 5, 5, 8]), 99, 8).tolist() == list(range(8))
+    found = spread_rows(Blocks([0, *range(100, 100_001, 100)]), 400, 8)
     assert len(found) == len(set(found)) == 400
     assert len(set(found // 100)) == 8
     assert found.max() - found.min() > 80_000

@@ -50,7 +50,7 @@ def test_import_compiles_nothing_and_is_quick():
     told = run(IMPORT)
     assert told["compiled"] == []
     assert told["seconds"] < 3.0
-    heavy = {"matplotlib", "pyplot", "typer", "rich", "trimesh", "open3d", "laspy", "pandas"}
+    heavy = {"matplotlib", "pyplot", "typer", "rich", "trimesh", "open3d", "laspy", "pandas", "pyarrow", "fsspec"}
     assert not heavy & {name.split(".")[0] for name in told["modules"]}
 
 

@@ -15,7 +15,7 @@ from nonsac.sources import JoinedSource, MappedSource, Source
 from nonsac.sources.mapped import BySideMap, ColumnMap, Map
 
 WEIGHT = "weight"
-_FEW_ROWS, _FEW_BLOCKS = 1000, 8
+_FEW_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -107,12 +107,11 @@ def pick_columns(source: Source, columns: Columns) -> Source:
     return source
 
 
-def spread_rows(source: Source, count: int) -> NDArray[np.int64]:
-    """Numbers of at most so many rows, spread evenly over the source, or over few blocks where it has any."""
+def spread_rows(source: Source, count: int, most_blocks: int) -> NDArray[np.int64]:
+    """Numbers of at most so many rows, spread evenly over the source, or over some of its blocks."""
     starts = getattr(source, "block_starts", np.array([0, len(source)]))
     blocks = np.flatnonzero(np.diff(starts))
-    if len(blocks) > _FEW_BLOCKS:
-        blocks = blocks[_evenly(len(blocks), _FEW_BLOCKS)]
+    blocks = blocks[_evenly(len(blocks), most_blocks)]
     sizes = np.diff(starts)[blocks]
     places = _evenly(int(sizes.sum()), count)
     ends = np.cumsum(sizes)

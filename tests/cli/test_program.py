@@ -37,13 +37,14 @@ def test_help_and_version(run):
 
 
 SHARED = {"--samples", "--sample-size", "--seed", "--workers", "--output", "--picture", "--json", "--quiet", "--help"}
-ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--time-limit"}
+ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--time-limit", "--columns", "--dataset"}
 OPTIONS = {
     "register-clouds": SHARED | {"--save-aligned"},
     "register-pairs": ROWS | {"--scale", "--save-aligned"},
     "relative-pose": ROWS
     | {"--image1", "--image2", "--camera1", "--camera2", "--photo1", "--photo2", "--write-geometry"},
     "absolute-pose": ROWS | {"--image", "--camera", "--photo"},
+    "plan": {"--problem", "--columns", "--dataset", "--samples", "--sample-size", "--json", "--help"},
     "demo": {"--picture", "--seed", "--workers", "--save-scans", "--json", "--quiet", "--help"},
     "batch": {"--output", "--call", "--workers", "--time-limit", "--resume", "--quiet", "--help"},
     "simulate": {"--outlier-ratio", "--noise", "--output", "--seed", "--dtype", "--row-group", "--truth", "--quiet"}
@@ -67,7 +68,7 @@ def test_help_imports_nothing_heavy():
     assert done.stdout.startswith(" ")
     loaded = {name.split(".")[0] for name in done.stdout.splitlines()[-1].split()}
     assert "typer" in loaded
-    assert not loaded & {"numba", "numpy", "scipy", "matplotlib", "h5py", "sqlite3"}
+    assert not loaded & {"numba", "numpy", "scipy", "matplotlib", "h5py", "sqlite3", "pyarrow", "fsspec"}
 
 
 def test_as_a_module_without_compiling(tmp_path):

@@ -135,8 +135,8 @@ def test_what_is_no_table_is_refused(tmp_path):
     path = tmp_path / "rows"
     for content, message in (
         (b"", "the file is empty"),
-        (b"\x89PNG\r\n", "is no table of rows, it looks like: PNG image"),
-        (b"\x00\x01\x02", "is no table of rows, it looks like: unknown binary file"),
+        (b"\x89PNG\r\n", "is no table of rows, it looks like a PNG image"),
+        (b"\x00\x01\x02", "is no table of rows, it looks like an unknown binary file"),
         (b"1 2\n3 x\n", "line 2: 'x' is not a number"),
     ):
         path.write_bytes(content)

@@ -10,6 +10,7 @@ import typer
 # The rest of nonsac is imported where it is needed: `--help` and a mistyped option answer at once.
 from nonsac.cli.batch import batch
 from nonsac.cli.messages import say, tell
+from nonsac.cli.planning import plan
 from nonsac.cli.poses import absolute_pose, relative_pose
 from nonsac.cli.registration import demo, register_clouds, register_pairs
 from nonsac.cli.reproduce import section5, table2, table4
@@ -23,7 +24,8 @@ _INTERRUPTED = 130
 
 _SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}
 app = typer.Typer(help="Robust geometric estimation from data too large or too dirty for anything else.", **_SETTINGS)
-for command in (register_clouds, register_pairs, relative_pose, absolute_pose, batch, simulate, demo, warmup):
+commands = (register_clouds, register_pairs, relative_pose, absolute_pose, batch, plan, simulate, demo, warmup)
+for command in commands:
     app.command()(command)
 reproduce = typer.Typer(help="Run the paper's experiments.", **_SETTINGS)
 for experiment in (table2, table4, section5):

@@ -35,7 +35,8 @@ def check_pair(matches: Path, second: Path | None, image1: str | None, image2: s
         raise _bad("--image1" if image1 is None else "--image2", "name both images, or none")
     suffix = matches.suffix.lower()
     if suffix in _HDF5 and second is None:
-        raise _bad("SECOND", f"{matches}: hloc keeps matches apart from features; give both files, features first")
+        problem = f"{matches}: hloc keeps matches apart from features; give both files, features first"
+        raise _bad("SECOND", f"{problem} (for rows of another HDF5 file name its --dataset)")
     if suffix not in _HDF5 and second is not None:
         raise _bad("SECOND", f"{matches} needs no second file: only the features of hloc (.h5) do")
     if suffix in (*_HDF5, _DATABASE) and image1 is None:
@@ -43,6 +44,10 @@ def check_pair(matches: Path, second: Path | None, image1: str | None, image2: s
     if _is_table(suffix) and image1 is not None:
         raise _bad("--image1", f"{matches} holds the matches of one pair; only hloc and databases have images to name")
     return None if image1 is None or image2 is None else (image1, image2)
+
+
+def is_hdf5(path: Path) -> bool:
+    return path.suffix.lower() in _HDF5
 
 
 def _is_table(suffix: str) -> bool:
@@ -127,6 +132,13 @@ def check_unit(points: Array, noise: float | None, camera: Camera | None, option
         raise _bad(option, "the points look like pixels, and there is no camera: give one, or normalised coordinates")
 
 
+def check_table(is_table: bool, columns: str | None, dataset: str | None, file: str) -> None:
+    """Refuse options of tables for what is none."""
+    for option, value in (("--columns", columns), ("--dataset", dataset)):
+        if value is not None and not is_table:
+            raise _bad(option, f"{file} is no table of rows; leave this option out")
+
+
 def read_photo(option: str, path: Path | None, picture: Path | None, camera: Camera | None) -> Photo:
     """The image to be drawn behind the points."""
     if path is None:
@@ -147,7 +159,7 @@ def read_photo(option: str, path: Path | None, picture: Path | None, camera: Cam
 
 
 @contextmanager
-def blaming(path: Path) -> Iterator[None]:
+def blaming(path: Path | str) -> Iterator[None]:
     """Name the file whose content is refused."""
     try:
         yield

@@ -153,6 +153,18 @@ OneCamera = Annotated[
     str | None,
     typer.Option("--camera", callback=camera, metavar="CAMERA", show_default="that of the file", help=f"{_CAMERA}."),
 ]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        show_default="by name",
+        help="Columns of the rows, in order: names or positions from 0, separated by commas (x1,y1,x2,y2).",
+    ),
+]
+Dataset = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", show_default="the only one", help="Array of an HDF5 file, a Zarr group or an .npz."),
+]
 Photo = Annotated[
     Path | None, typer.Option(metavar="FILE", help="The image, to be drawn behind the points of --picture.")
 ]

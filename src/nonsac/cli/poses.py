@@ -13,10 +13,12 @@ from nonsac.cli.inputs import (
     check_geometry,
     check_pair,
     check_points,
+    check_table,
     check_unit,
     choose_camera,
     choose_cameras,
     image_of,
+    is_hdf5,
     model_files,
     read_pair,
     read_photo,
@@ -27,6 +29,8 @@ from nonsac.cli.options import (
     AsJson,
     Camera1,
     Camera2,
+    Columns,
+    Dataset,
     Inliers,
     MaxSamples,
     OneCamera,
@@ -43,6 +47,7 @@ from nonsac.cli.options import (
     count_of,
 )
 from nonsac.cli.outputs import Outputs, exit_code, is_found, matrix_text, show
+from nonsac.cli.rows import note_share, open_rows, opens_as_source, seen_there, some_rows
 from nonsac.cli.session import session
 
 if TYPE_CHECKING:
@@ -52,12 +57,12 @@ if TYPE_CHECKING:
 
 
 def relative_pose(
-    matches: Annotated[
-        Path,
+    file: Annotated[
+        str,
         typer.Argument(
             metavar="MATCHES",
-            help="Matches of two images: a table (.npz, .npy, .csv, .txt, .parquet), a COLMAP database (.db), or the "
-            "features of hloc (.h5).",
+            help="Matches of two images: a table (.npz, .npy, .csv, .txt, Parquet, Arrow, HDF5, Zarr; also a folder or "
+            "URL), a COLMAP database (.db), or the features of hloc (.h5).",
         ),
     ],
     second: Annotated[
@@ -67,6 +72,8 @@ def relative_pose(
         str | None, typer.Option(metavar="NAME", help="First image, of hloc or in a database (there also its number).")
     ] = None,
     image2: Annotated[str | None, typer.Option(metavar="NAME", help="Second image.")] = None,
+    columns: Columns = None,
+    dataset: Dataset = None,
     camera1: Camera1 = None,
     camera2: Camera2 = None,
     noise: PoseNoise = None,
@@ -104,24 +111,31 @@ def relative_pose(
 
     Points and cameras need one convention for the centres of pixels (COLMAP's is 0.5 more than OpenCV's and hloc's).
     """
-    outputs = Outputs(transform=output, inliers=save_inliers, picture=picture)
+    matches, outputs = Path(file), Outputs(transform=output, inliers=save_inliers, picture=picture)
     inputs = [("MATCHES", matches), ("SECOND", second), ("--photo1", photo1), ("--photo2", photo2)]
     outputs.check([*inputs, ("--camera1", camera1), ("--camera2", camera2)])
-    images = check_pair(matches, second, image1, image2)
+    of_images = any((second, image1, image2)) or (is_hdf5(matches) and dataset is None)
+    is_table = not of_images and opens_as_source(file, columns, dataset)
+    check_table(is_table, columns, dataset, file)
+    images = None if is_table else check_pair(matches, second, image1, image2)
     if write_geometry:
         check_geometry(matches, images, (camera1, camera2))
     with session(quiet, "samples") as progress:
-        from nonsac import poses
+        from nonsac import correspondences, io, poses
 
-        pair = read_pair(matches, second, images)
+        source = open_rows(file, correspondences.MATCHES, columns, dataset) if is_table else None
+        if source is None:
+            pair = read_pair(matches, second, images)
+        else:
+            pair = io.Matches(*some_rows(source, correspondences.MATCHES, picture))
         cameras = choose_cameras((camera1, camera2), matches, pair)
         check_unit(pair.points1, noise, cameras[0], "--camera1")
         photo_of_1 = read_photo("--photo1", photo1, picture, cameras[0])
         photo_of_2 = read_photo("--photo2", photo2, picture, cameras[1])
+        given: tuple[Any, Any] = (pair.points1, pair.points2) if source is None else (source, None)
         with blaming(matches):
             result = poses.relative_pose(
-                pair.points1,
-                pair.points2,
+                *given,
                 *cameras,
                 noise=noise,
                 weights=pair.weights,
@@ -136,24 +150,28 @@ def relative_pose(
     named = {"camera1": cameras[0], "camera2": cameras[1]}
     what = "T, from the frame of the first camera to that of the second; the unknown length of t is set to 1"
     show(result, _described(result, named, what), _texts(named), as_json)
-    outputs.write(result, drawing_of_pair(result, pair, cameras, (photo_of_1, photo_of_2)), as_json)
+    seen = seen_there(result, source, picture)
+    outputs.write(result, drawing_of_pair(seen, pair, cameras, (photo_of_1, photo_of_2)), as_json)
+    note_share(source, picture, quiet)
     if write_geometry and images is not None:
         _write_geometry(matches, images, result, pair, as_json)
     raise exit_code(result)
 
 
 def absolute_pose(
-    points: Annotated[
-        Path,
+    file: Annotated[
+        str,
         typer.Argument(
             metavar="POINTS",
-            help="Image points matched to 3D points: a table (.npz, .npy, .csv, .txt, .parquet), or the folder of a "
-            "COLMAP model.",
+            help="Image points matched to 3D points: a table (.npz, .npy, .csv, .txt, Parquet, Arrow, HDF5, Zarr; also "
+            "a folder or URL), or the folder of a COLMAP model.",
         ),
     ],
     image: Annotated[
         str | None, typer.Option(metavar="NAME", help="Image of the COLMAP model: its name or number.")
     ] = None,
+    columns: Columns = None,
+    dataset: Dataset = None,
     camera: OneCamera = None,
     noise: PoseNoise = None,
     samples: Samples = "auto",
@@ -178,20 +196,27 @@ def absolute_pose(
 
     Points and camera need one convention for the centres of pixels (COLMAP's is 0.5 more than OpenCV's and hloc's).
     """
-    outputs = Outputs(transform=output, inliers=save_inliers, picture=picture)
+    points, outputs = Path(file), Outputs(transform=output, inliers=save_inliers, picture=picture)
     outputs.check([*model_files(points), ("--photo", photo), ("--camera", camera)])
-    check_points(points, image)
+    is_table = image is None and opens_as_source(file, columns, dataset)
+    check_table(is_table, columns, dataset, file)
+    if not is_table:
+        check_points(points, image)
     with session(quiet, "samples") as progress:
-        from nonsac import poses
+        from nonsac import correspondences, io, poses
 
-        matches = read_points(points, image)
+        source = open_rows(file, correspondences.POINTS, columns, dataset) if is_table else None
+        if source is None:
+            matches = read_points(points, image)
+        else:
+            matches = io.PointMatches(*some_rows(source, correspondences.POINTS, picture))
         chosen = choose_camera(camera, points, "camera", matches.camera)
         check_unit(matches.points2d, noise, chosen, "--camera")
         background = read_photo("--photo", photo, picture, chosen)
+        given: tuple[Any, Any] = (matches.points2d, matches.points3d) if source is None else (source, None)
         with blaming(points):
             result = poses.absolute_pose(
-                matches.points2d,
-                matches.points3d,
+                *given,
                 chosen,
                 noise=noise,
                 weights=matches.weights,
@@ -209,7 +234,9 @@ def absolute_pose(
     if centre is not None:
         what += f", which is at [{', '.join(f'{x:.6g}' for x in centre)}]"
     show(result, _described(result, named, what), {**_texts(named), "centre": centre}, as_json)
-    outputs.write(result, drawing_of_points(result, matches, chosen, background), as_json)
+    seen = seen_there(result, source, picture)
+    outputs.write(result, drawing_of_points(seen, matches, chosen, background), as_json)
+    note_share(source, picture, quiet)
     raise exit_code(result)
 
 

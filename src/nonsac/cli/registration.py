@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from nonsac.cli.inputs import check_table
 from nonsac.cli.messages import tell, wrote
 from nonsac.cli.options import (
     AsJson,
+    Columns,
+    Dataset,
     Inliers,
     MaxSamples,
     Quiet,
@@ -25,6 +28,7 @@ from nonsac.cli.options import (
 )
 from nonsac.cli.options import scale as check_scale
 from nonsac.cli.outputs import Draw, Outputs, exit_code, is_found, matrix_text, show, worth_writing
+from nonsac.cli.rows import note_share, open_rows, opens_as_source, some_rows
 from nonsac.cli.session import session
 
 if TYPE_CHECKING:
@@ -76,13 +80,19 @@ def register_clouds(
 
 
 def register_pairs(
-    pairs: Annotated[
-        Path,
-        typer.Argument(metavar="PAIRS", help="Matched points, six numbers a row; or the source, if SECOND is given."),
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="PAIRS",
+            help="Matched points, six numbers a row (.npz, .npy, .csv, .txt, Parquet, Arrow, HDF5, Zarr; also a folder "
+            "or URL); or the source, if SECOND is given.",
+        ),
     ],
     second: Annotated[
         Path | None, typer.Argument(metavar="SECOND", show_default=False, help="The target, matched row by row.")
     ] = None,
+    columns: Columns = None,
+    dataset: Dataset = None,
     noise: Annotated[
         float | None,
         typer.Option(
@@ -112,15 +122,23 @@ def register_pairs(
 
     T maps the source to the target.
     """
+    pairs = Path(file)
     outputs = Outputs(transform=output, aligned=save_aligned, inliers=save_inliers, picture=picture)
     outputs.check([("PAIRS", pairs), ("SECOND", second)])
+    is_table = second is None and (opens_as_source(file, columns, dataset) or pairs.suffix.lower() == ".parquet")
+    check_table(is_table, columns, dataset, file)
+    if is_table and save_aligned is not None:
+        problem = f"{file} is read in pieces, never whole; write T with --output, and apply it"
+        raise typer.BadParameter(problem, param_hint="'--save-aligned'")
     with session(quiet, "samples") as progress:
-        from nonsac import api
+        from nonsac import api, correspondences
         from nonsac.io import read_pairs
 
-        points = read_pairs(pairs, second)
+        source = open_rows(file, correspondences.PAIRS, columns, dataset) if is_table else None
+        points = read_pairs(pairs, second) if source is None else some_rows(source, correspondences.PAIRS, picture)
+        given: tuple[Any, Any] = points if source is None else (source, None)
         result = api.register_pairs(
-            *points,
+            *given,
             noise=noise,
             scale=scale_of(scale),
             samples=count_of(samples),
@@ -132,6 +150,7 @@ def register_pairs(
             progress=progress,
         )
     names = (pairs.name, second.name) if second else ("source", "target")
+    note_share(source, picture, quiet)
     _finish(result, points, names, outputs, as_json)
 
 

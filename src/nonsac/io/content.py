@@ -129,11 +129,12 @@ def _not_empty(path: FilePath, content: bytes) -> bytes:
 def _check_head(path: FilePath, head: bytes, kind: str) -> None:
     found = content_kind(head)
     if found != kind:
-        problem = f"is not {_with_article(kind)}, it looks like {_with_article(found)}"
+        problem = f"is not {with_article(kind)}, it looks like {with_article(found)}"
         raise input_error(path, problem, _fix_for(found))
 
 
-def _with_article(kind: str) -> str:
+def with_article(kind: str) -> str:
+    """The name of a kind with its indefinite article."""
     return f"an {kind}" if kind.startswith(("u", "Arrow", "HDF5", "SQLite")) else f"a {kind}"
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nonsac.io.arrays import open_npz
-from nonsac.io.content import content_kind
+from nonsac.io.content import content_kind, with_article
 from nonsac.io.errors import FilePath, input_error, not_held
 from nonsac.io.records import find_columns
 from nonsac.io.text import Table, read_table
@@ -66,11 +66,13 @@ def open_source(path: FilePath | Sequence[FilePath], *, columns: Columns = None,
     name = os.fspath(path)
     kind = _kind_of(name)
     if kind not in _OPENERS:
-        raise input_error(name, f"is no table of rows, it looks like: {kind}", f"give one of {', '.join(_OPENERS)}")
+        raise input_error(
+            name, f"is no table of rows, it looks like {with_article(kind)}", f"give one of {', '.join(_OPENERS)}"
+        )
     if dataset is not None and kind not in _WITH_DATASETS:
-        raise input_error(name, f"holds no datasets, it is a {kind}", "leave the dataset out")
+        raise input_error(name, f"holds no datasets, it is {with_article(kind)}", "leave the dataset out")
     if is_url(name) and kind not in _BEHIND_URLS:
-        raise input_error(name, f"a {kind} cannot be read from a URL", "download it first")
+        raise input_error(name, f"{with_article(kind)} cannot be read from a URL", "download it first")
     return _OPENERS[kind](name, columns, dataset)
 
 

@@ -1,0 +1,214 @@
+"""Tables that are read in pieces: `plan`, and the other commands on Parquet, Arrow and the like."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_samples import FIRST, SECOND, scene, two_views, write_table
+
+import nonsac
+from nonsac import plot, simulate
+from nonsac.cli import rows as table_rows
+
+CAMERAS = ("--camera1", str(FIRST), "--camera2", str(SECOND))
+MATCHES, POINTS, PAIRS = ("x1", "y1", "x2", "y2"), ("u", "v", "X", "Y", "Z"), ("x1", "y1", "z1", "x2", "y2", "z2")
+
+
+@pytest.fixture(scope="module")
+def views():
+    return two_views()
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return simulate.registration(400, 0.5, 0.01, 1)
+
+
+def write(path, columns, rows_in_a_group=150):
+    """A folder of Parquet files, one such file, or an Arrow file, with a column of words before the others."""
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import feather, parquet
+
+    table = pa.table({"word": ["a"] * len(next(iter(columns.values())))} | columns)
+    if path.endswith(".arrow"):
+        feather.write_feather(table, path, chunksize=rows_in_a_group)
+    elif path.endswith(".parquet"):
+        parquet.write_table(table, path, row_group_size=rows_in_a_group)
+    else:
+        Path(path).mkdir()
+        half = table.num_rows // 2
+        parquet.write_table(table[:half], f"{path}/1.parquet", row_group_size=rows_in_a_group)
+        parquet.write_table(table[half:], f"{path}/2.parquet", row_group_size=rows_in_a_group)
+    return path
+
+
+def columns(names, rows):
+    """Reversed, so that they are found by name alone."""
+    return dict(reversed(list(zip(names, rows.T, strict=True))))
+
+
+def as_json(run, *arguments):
+    code, out, err = run(*arguments, "--json")
+    assert code == 0, err
+    return json.loads(out)
+
+
+# --- answers are those of the arrays -----------------------------------
+
+
+@pytest.mark.parametrize("path", ["rows.arrow", "rows", "rows/*.parquet"])
+def test_relative_pose(folder, views, run, path):
+    write(path.split("/")[0], columns(MATCHES, views.rows) | {"weight": views.weights})
+    report = as_json(run, "relative-pose", path, *CAMERAS)
+    np.testing.assert_array_equal(report["T"], views.solved(weights=views.weights).T)
+
+
+@pytest.mark.parametrize("path", ["rows.arrow", "rows"])
+def test_absolute_pose(folder, run, path):
+    points = scene()
+    write(path, columns(POINTS, points.rows))
+    report = as_json(run, "absolute-pose", path, "--camera", str(FIRST))
+    np.testing.assert_array_equal(report["T"], points.solved().T)
+
+
+@pytest.mark.parametrize("path", ["rows.arrow", "rows", "rows.parquet"])
+def test_register_pairs(folder, pairs, run, path):
+    write(path, columns(PAIRS, np.hstack([pairs.source, pairs.target])))
+    report = as_json(run, "register-pairs", path, "--noise", 0.01)
+    np.testing.assert_array_equal(report["T"], nonsac.register_pairs(pairs.source, pairs.target, noise=0.01).T)
+
+
+@pytest.mark.parametrize("name", ["rows.npy", "rows.parquet"])
+def test_large_files_are_read_in_pieces(folder, views, run, monkeypatch, name):
+    """NumPy files, too, where sources of them are at hand."""
+    write_table(name, views.rows, " ".join(MATCHES))
+    assert not table_rows.opens_as_source(name, None, None)
+    monkeypatch.setattr(table_rows, "_LARGE", 1000)
+    monkeypatch.setattr("nonsac.io.read_matches", None)
+    report = as_json(run, "relative-pose", name, *CAMERAS)
+    np.testing.assert_array_equal(report["T"], views.solved().T)
+
+
+@pytest.mark.parametrize("chosen", ["c,d,a,b", "3, 4,1,2"])
+def test_columns_of_options(folder, views, run, chosen):
+    a, b, c, d = views.rows.T
+    write("rows.parquet", {"a": c, "b": d, "c": a, "d": b})
+    report = as_json(run, "relative-pose", "rows.parquet", *CAMERAS, "--columns", chosen)
+    np.testing.assert_array_equal(report["T"], views.solved().T)
+
+
+def test_columns_of_text(folder, views, run):
+    np.savetxt("rows.csv", views.rows[:, ::-1], "%.17g", ",", header="d,c,b,a", comments="")
+    report = as_json(run, "relative-pose", "rows.csv", *CAMERAS, "--columns", "a,b,c,d")
+    np.testing.assert_array_equal(report["T"], views.solved().T)
+
+
+def test_a_dataset(folder, views, run):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File("rows.h5", "w") as file:
+        file["some/rows"] = views.rows
+    report = as_json(run, "relative-pose", "rows.h5", *CAMERAS, "--dataset", "some/rows")
+    np.testing.assert_array_equal(report["T"], views.solved().T)
+
+
+# --- files that are written --------------------------------------------
+
+
+def test_all_inliers_are_written_and_some_rows_drawn(folder, views, run, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(plot, "two_views", lambda *arguments: drawn.append(arguments))
+    monkeypatch.setattr(table_rows, "_DRAWN", (60, 2))
+    write("rows.arrow", columns(MATCHES, views.rows), 100)
+    outputs = ("--save-inliers", "mask.npy", "--picture", "p.png")
+    code, _, err = run("relative-pose", "rows.arrow", *CAMERAS, *outputs)
+    assert code == 0
+    assert "nonsac: p.png shows 60 of 400 rows\n" in err
+    mask = np.load("mask.npy")
+    np.testing.assert_array_equal(mask, views.solved().inliers)
+    _, first, second, inliers = drawn[0][:4]
+    places = [int(np.flatnonzero((views.points1 == point).all(axis=1))[0]) for point in first]
+    assert len(set(places)) == 60
+    np.testing.assert_array_equal(second, views.points2[places])
+    np.testing.assert_array_equal(inliers, mask[places])
+    assert "shows" not in run("relative-pose", "rows.arrow", *CAMERAS, *outputs, "--quiet")[2]
+
+
+@pytest.mark.parametrize("command", ["relative-pose", "absolute-pose", "register-pairs"])
+def test_pictures(folder, views, pairs, run, command):
+    names, rows, options = {
+        "relative-pose": (MATCHES, views.rows, CAMERAS),
+        "absolute-pose": (POINTS, scene().rows, ("--camera", str(FIRST))),
+        "register-pairs": (PAIRS, np.hstack([pairs.source, pairs.target]), ("--noise", "0.01")),
+    }[command]
+    write("rows.arrow", columns(names, rows))
+    code, _, err = run(command, "rows.arrow", *options, "--picture", "p.png")
+    assert code == 0, err
+    assert Path("p.png").stat().st_size > 1000
+
+
+# --- refusals ----------------------------------------------------------
+
+
+def test_what_cannot_be_used(folder, views, refused):
+    write("rows.arrow", dict(zip("abcd", views.rows.T, strict=True)) | {"e": views.weights, "f": views.weights})
+    write("words.arrow", {"a": np.arange(3)})
+    write("odd.parquet", columns(MATCHES, views.rows))
+    Path("rows").mkdir()
+    for name in ("1", "2"):
+        Path(f"rows/{name}.parquet").write_bytes(Path("odd.parquet").read_bytes())
+    write("rows/3.parquet", columns(MATCHES[:3], views.rows[:, :3]))
+    Path("cut.arrow").write_bytes(Path("rows.arrow").read_bytes()[:3000])
+    np.savetxt("rows.csv", views.rows, delimiter=",")
+    unfit, chosen = "(a b c d e f), not of 4 (x1 y1 x2 y2), or 5 with a weight", "a,b,c,d"
+    for arguments, message in (
+        (
+            ["rows.arrow"],
+            f"rows.arrow: rows of 6 columns {unfit}; choose columns",
+        ),
+        (["rows.arrow", "--columns", "a,b,c,g"], "rows.arrow: holds no column 'g' (it holds word, a, b, c, d, e, f)"),
+        (["rows.arrow", "--columns", "a,b,,c"], "'--columns': 'a,b,,c' is no list of columns such as x1,y1,x2,y2"),
+        (["rows.arrow", "--columns", "a,b,word,c"], "rows.arrow: column 'word' holds string, not numbers"),
+        (["rows.arrow", "--columns", "1,2,3"], "rows.arrow: rows of 3 columns (a b c), not of 4"),
+        (["rows.arrow", "--columns", "1,2,3,77"], "rows.arrow: holds no column 77, counted from 0 (it holds word, a"),
+        (["rows.arrow", "--dataset", "x"], "rows.arrow: holds no datasets, it is an Arrow file"),
+        (["rows"], "rows/3.parquet: holds no column 'y2' (it holds word, x2, y1, x1)"),
+        (["cut.arrow"], "cut.arrow: is truncated or damaged"),
+        (["none.arrow", "--columns", chosen], "none.arrow: no such file; check the path"),
+        (["*.feather"], "*.feather: no file matches this pattern; check the path"),
+        (["rows.csv", "--columns", "x,y,z,u"], "rows.csv: has no header line"),
+        (
+            ["rows.arrow", "--columns", chosen, "--image1", "a", "--image2", "b"],
+            "'--columns': rows.arrow is no table",
+        ),
+        (["rows.arrow", "--columns", "a,b,c,d"], "'--camera1': the points look like pixels, and there is no camera"),
+        (["memory://nothing.parquet"], "memory://nothing.parquet: no such file; check the path"),
+    ):
+        assert message in refused("relative-pose", *arguments), arguments
+    message = refused("register-pairs", "odd.parquet", "--save-aligned", "a.ply")
+    assert "'--save-aligned': odd.parquet is read in pieces" in message
+
+
+# --- plans -------------------------------------------------------------
+
+
+def test_a_plan(folder, views, run):
+    write("rows", columns(MATCHES, views.rows) | {"more": views.weights})
+    code, out, err = run("plan", "rows", "--problem", "relative-pose")
+    assert (code, err) == (0, "")
+    assert out.startswith("400 rows of 4 columns, in 4 blocks that are read whole (ParquetSource)\n")
+    assert "estimated" in out
+    report = json.loads(run("plan", "rows", "--json", "--samples", 3, "--sample-size", 50)[1])
+    assert report == nonsac.plan(nonsac.open_source("rows"), samples=3, sample_size=50).to_dict()
+    assert (report["columns"], report["rows_read"]) == (5, 400)
+    assert json.loads(run("plan", "rows", "--json", "--columns", "x1")[1])["columns"] == 1
+
+
+def test_plans_that_cannot_be_made(folder, views, refused):
+    write("rows", columns(MATCHES, views.rows))
+    assert "rows: rows of 4 columns (y2 x2 y1 x1), not of 5 (u v X Y Z)" in refused(
+        "plan", "rows", "--problem", "absolute-pose"
+    )
+    assert "none: no such file" in refused("plan", "none")
+    assert "'--samples'" in refused("plan", "rows", "--samples", 0)
+    assert "'--problem'" in refused("plan", "rows", "--problem", "line")
