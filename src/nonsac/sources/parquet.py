@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from nonsac.io.errors import FilePath, input_error, library_missing, not_held
 from nonsac.sources.blocks import BlockSource
-from nonsac.sources.paths import Stamp, changed, file_errors, listed_files, open_file, stamp_of
+from nonsac.sources.paths import Stamp, changed, file_errors, is_url, listed_files, open_file, stamp_of
 
 SUFFIXES = (".parquet", ".pq", ".parq", ".arrow", ".feather", ".ipc")
 _MARK_OF_ARROW = b"ARROW1"
@@ -105,7 +105,7 @@ class _ParquetFile:
     def __init__(self, file: Any) -> None:
         from pyarrow import parquet  # type: ignore[import-untyped,unused-ignore]
 
-        self._file = parquet.ParquetFile(file, pre_buffer=True)
+        self._file = parquet.ParquetFile(file)
         self.schema = self._file.schema_arrow
 
     def block_rows(self) -> list[int]:
@@ -118,7 +118,8 @@ class _ParquetFile:
         return float(sum(group.column(i).total_compressed_size for group in groups for i in wanted))
 
     def read_block(self, block: int, columns: Sequence[str]) -> Any:
-        return self._file.read_row_group(block, columns=list(columns))
+        # Threads of Arrow that call into Python, to read a URL, would abort a process that ends meanwhile.
+        return self._file.read_row_group(block, columns=list(columns), use_threads=False)
 
 
 class _ArrowFile:
@@ -144,15 +145,17 @@ class _ArrowFile:
         return Table.from_batches([self._reader(fields).get_batch(block)])
 
     def _reader(self, fields: Sequence[int] = ()) -> Any:
-        return self._ipc.open_file(self._file, options=self._ipc.IpcReadOptions(included_fields=list(fields)))
+        return self._ipc.open_file(
+            self._file, options=self._ipc.IpcReadOptions(included_fields=list(fields), use_threads=False)
+        )
 
 
 @contextmanager
 def _opened(path: str) -> Iterator[Any]:
     """The file, of the kind that its first bytes say."""
-    from pyarrow import PythonFile
+    from pyarrow import OSFile, PythonFile
 
-    with file_errors(path), open_file(path) as file:
+    with file_errors(path), PythonFile(open_file(path), "r") if is_url(path) else OSFile(path) as file:
         head = file.read(len(_MARK_OF_ARROW))
         if not head:
             raise input_error(path, "the file is empty", "write or copy it again")
@@ -162,7 +165,7 @@ def _opened(path: str) -> Iterator[Any]:
             )
         file.seek(0)
         kind = _ArrowFile if head == _MARK_OF_ARROW else _ParquetFile
-        yield kind(PythonFile(file, mode="r"))
+        yield kind(file)
 
 
 def _read_footer(path: str, columns: Sequence[str]) -> _Footer:
