@@ -114,6 +114,23 @@ def test_datasets(tmp_path, write):
         nonsac.open_source(tmp_path / "rows", dataset="other")
 
 
+@pytest.mark.parametrize("kind", ["hdf5", "zarr"])
+def test_columns_that_are_arrays_of_their_own(tmp_path, kind):
+    library = pytest.importorskip("h5py" if kind == "hdf5" else "zarr")
+    if kind == "hdf5":
+        with library.File(tmp_path / "rows", "w") as file:
+            for name, column in zip(NAMES, ROWS.T, strict=True):
+                file[name] = column
+    else:
+        group = library.open_group(str(tmp_path / "rows"), mode="w")
+        for name, column in zip(NAMES, ROWS.T, strict=True):
+            group.create_array(name, data=np.ascontiguousarray(column))
+    source = nonsac.open_source(tmp_path / "rows", columns=["Y", "u"])
+    np.testing.assert_array_equal(source.take(np.arange(12)), ROWS[:, [3, 0]])
+    with pytest.raises(InputError, match=r"rows: cannot tell which array holds the rows \(n, D\): there is none"):
+        nonsac.open_source(tmp_path / "rows")
+
+
 def test_lists_and_patterns_and_urls(tmp_path):
     parquet(tmp_path / "a.parquet")
     feather(tmp_path / "b.arrow")
@@ -157,6 +174,9 @@ def test_what_is_no_table_is_refused(tmp_path):
     np.savez(tmp_path / "two.npz", a=ROWS, b=ROWS)
     with pytest.raises(InputError, match=r"two.npz: cannot tell which array .* a, b; name one"):
         nonsac.open_source(tmp_path / "two.npz")
+    np.savez(tmp_path / "flat.npz", a=ROWS[0])
+    with pytest.raises(InputError, match=r"flat.npz: the array 'a' has not the shape \(n, D\)"):
+        nonsac.open_source(tmp_path / "flat.npz", dataset="a")
     with pytest.raises(InputError, match=r"two.npz: holds 5 columns, no column 7"):
         nonsac.open_source(tmp_path / "two.npz", dataset="a", columns=[7])
     np.savez(tmp_path / "odd.npz", x=ROWS, X=ROWS[1:])

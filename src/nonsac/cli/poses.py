@@ -114,7 +114,7 @@ def relative_pose(
     matches, outputs = Path(file), Outputs(transform=output, inliers=save_inliers, picture=picture)
     inputs = [("MATCHES", matches), ("SECOND", second), ("--photo1", photo1), ("--photo2", photo2)]
     outputs.check([*inputs, ("--camera1", camera1), ("--camera2", camera2)])
-    of_images = any((second, image1, image2)) or (is_hdf5(matches) and dataset is None)
+    of_images = any((second, image1, image2)) or (is_hdf5(matches) and dataset is None and columns is None)
     is_table = not of_images and opens_as_source(file, columns, dataset)
     check_table(is_table, columns, dataset, file)
     images = None if is_table else check_pair(matches, second, image1, image2)

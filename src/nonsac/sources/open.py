@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from nonsac.io.errors import FilePath, input_error, not_held
 from nonsac.io.records import find_columns
 from nonsac.io.text import Table, read_table
 from nonsac.sources.array import ArraySource
-from nonsac.sources.paths import holds, is_folder, is_url, read_head
+from nonsac.sources.paths import file_errors, holds, is_folder, is_url, read_head
 
 if TYPE_CHECKING:
     from nonsac.sources import Source
@@ -48,7 +48,8 @@ def open_source(path: FilePath | Sequence[FilePath], *, columns: Columns = None,
         `RawSource`.
     columns : sequence of str or int, optional
         The columns wanted, in this order: by position from 0 or, where they have names (Parquet, Arrow, text with a
-        header line, structured arrays), by name. By default all; in Parquet and Arrow all columns of numbers.
+        header line, structured arrays, arrays (n,) of HDF5 and Zarr), by name. By default all; in Parquet and Arrow all
+        columns of numbers.
     dataset : str, optional
         Which array of an HDF5 file, a Zarr group or an .npz is meant, where there are several.
 
@@ -96,13 +97,17 @@ def _open_npy(path: str, columns: Columns, dataset: str | None) -> Source:
 def _open_hdf5(path: str, columns: Columns, dataset: str | None) -> Source:
     from nonsac.sources.hdf5 import Hdf5Source
 
-    return Hdf5Source(path, dataset, columns=columns)
+    if dataset is None and _are_names(columns):
+        return Hdf5Source(path, columns)
+    return Hdf5Source(path, _only_dataset(path) if dataset is None else dataset, columns=columns)
 
 
 def _open_zarr(path: str, columns: Columns, dataset: str | None) -> Source:
     from nonsac.sources.zarr import ZarrSource
 
-    return ZarrSource(path, array=dataset, columns=columns)
+    if dataset is None and _are_names(columns):
+        return ZarrSource(path, columns)
+    return ZarrSource(path, array=_only_array(path) if dataset is None else dataset, columns=columns)
 
 
 def _open_las(path: str, columns: Columns, dataset: str | None) -> Source:
@@ -125,16 +130,54 @@ def _open_npz(path: str, columns: Columns, dataset: str | None) -> Source:
             raise not_held(path, f"array {dataset!r}", archive.names)
         tables = {name: array for name in archive.names if (array := archive.load(name)).ndim == 2}
     pair = next((pair for pair in _PAIRS_OF_KEYS if dataset is None and set(pair) <= set(tables)), None)
-    names = pair or ([dataset] if dataset in tables else list(tables) if dataset is None else [])
-    if pair is None and len(names) != 1:
-        problem = f"cannot tell which array holds the rows (n, D): {', '.join(names) or 'none has two dimensions'}"
-        raise input_error(path, problem, "name one as the dataset")
+    names = pair or [_the_only(path, list(tables)) if dataset is None else dataset]
+    if not set(names) <= set(tables):
+        raise input_error(path, f"the array {dataset!r} has not the shape (n, D)", "name one with rows")
     parts = [tables[name] for name in names]
     try:
         source = ArraySource(parts[0] if len(parts) == 1 else np.hstack(parts))
     except (TypeError, ValueError) as error:
         raise input_error(path, f"holds no rows of numbers ({error})", "save arrays (n, D) of equal length") from error
     return _narrowed(path, source, columns)
+
+
+def _only_dataset(path: str) -> str:
+    """The name of the only dataset (n, D) of numbers in an HDF5 file."""
+    from nonsac.io.hdf5 import open_hdf5
+
+    found: list[str] = []
+    with open_hdf5(path) as file:
+        file.visititems(lambda name, item: found.append(name) if _is_table(item) else None)
+    return _the_only(path, found)
+
+
+def _only_array(path: str) -> str | None:
+    """The name of the only array (n, D) of numbers in a Zarr group; None for an array."""
+    try:
+        import zarr
+    except ImportError:
+        return None  # ZarrSource says so
+    with file_errors(path):
+        opened = zarr.open(path, mode="r")
+        if isinstance(opened, zarr.Group):
+            return _the_only(path, [name for name, array in opened.arrays() if _is_table(array)])
+        return None
+
+
+def _is_table(array: Any) -> bool:
+    return getattr(array, "ndim", 0) == 2 and array.dtype.kind in "fiu"
+
+
+def _the_only(path: str, names: Sequence[str]) -> str:
+    if len(names) != 1:
+        problem = f"cannot tell which array holds the rows (n, D): {', '.join(names) or 'there is none'}"
+        raise input_error(path, problem, "name one as the dataset")
+    return names[0]
+
+
+def _are_names(columns: Columns) -> TypeGuard[Sequence[str]]:
+    """Whether columns are arrays (n,) of their own."""
+    return columns is not None and all(isinstance(column, str) for column in columns)
 
 
 def _open_text(path: str, columns: Columns, dataset: str | None) -> Source:
