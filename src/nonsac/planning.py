@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from nonsac.sources import AllPairsSource, ArraySource, JoinedSource, MappedSource, Source
+from nonsac.sources import MappedSource, Source
 
-_IN_MEMORY = (AllPairsSource, ArraySource, JoinedSource)
 _ROWS_OF_THE_LAST_FIT = 100_000
 _NUMBER = 8
 _COPIES = 3  # rows as read, those of them that are finite, and their residuals and weights in a fit
@@ -120,7 +119,7 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
 def _bytes(source: Source, rows: int) -> int:
     if hasattr(source, "bytes_to_take"):
         return int(source.bytes_to_take(rows))
-    return 0 if isinstance(_innermost(source), _IN_MEMORY) else _NUMBER * source.width * rows
+    return 0 if getattr(source, "in_memory", False) else _NUMBER * source.width * rows
 
 
 def _innermost(source: Source) -> Source:

@@ -44,7 +44,9 @@ def test_blocks_and_costs_are_handed_on_where_there_are_any():
     assert source.block_starts.tolist() == [0, 5, 12]
     assert source.bytes_to_take(3) == 21
     np.testing.assert_array_equal(source.take(np.array([11, 0])), ROWS[[11, 0]])
+    assert not hasattr(source, "in_memory")
     plain = MappedSource(ArraySource(ROWS), np.negative)
+    assert plain.in_memory
     assert not hasattr(plain, "block_starts")
     assert not hasattr(plain, "bytes_to_take")
     with pytest.raises(AttributeError, match="MappedSource has no attribute 'rows'"):

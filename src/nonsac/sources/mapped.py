@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from nonsac.sources import Source
 
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-_HANDED_ON = ("block_starts", "bytes_to_take")
+_HANDED_ON = ("block_starts", "bytes_to_take", "in_memory")
 
 
 class MappedSource:
