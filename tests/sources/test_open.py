@@ -114,6 +114,12 @@ def test_datasets(tmp_path, write):
         nonsac.open_source(tmp_path / "rows", dataset="other")
 
 
+def test_an_array_has_no_names(tmp_path):
+    zarr_array(tmp_path / "rows")
+    with pytest.raises(InputError, match=r"rows: holds no column 'Y'"):
+        nonsac.open_source(tmp_path / "rows", columns=["Y"])
+
+
 @pytest.mark.parametrize("kind", ["hdf5", "zarr"])
 def test_columns_that_are_arrays_of_their_own(tmp_path, kind):
     library = pytest.importorskip("h5py" if kind == "hdf5" else "zarr")

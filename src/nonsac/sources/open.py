@@ -105,9 +105,8 @@ def _open_hdf5(path: str, columns: Columns, dataset: str | None) -> Source:
 def _open_zarr(path: str, columns: Columns, dataset: str | None) -> Source:
     from nonsac.sources.zarr import ZarrSource
 
-    if dataset is None and _are_names(columns):
-        return ZarrSource(path, columns)
-    return ZarrSource(path, array=_only_array(path) if dataset is None else dataset, columns=columns)
+    array = _only_array(path, columns) if dataset is None else dataset
+    return ZarrSource(path, array=array, columns=columns)
 
 
 def _open_las(path: str, columns: Columns, dataset: str | None) -> Source:
@@ -151,17 +150,19 @@ def _only_dataset(path: str) -> str:
     return _the_only(path, found)
 
 
-def _only_array(path: str) -> str | None:
-    """The name of the only array (n, D) of numbers in a Zarr group; None for an array."""
+def _only_array(path: str, columns: Columns) -> str | Sequence[str] | None:
+    """The name of the only array (n, D) of numbers in a Zarr group, or those of its columns; None for an array."""
     try:
         import zarr
     except ImportError:
         return None  # ZarrSource says so
     with file_errors(path):
         opened = zarr.open(path, mode="r")
-        if isinstance(opened, zarr.Group):
-            return _the_only(path, [name for name, array in opened.arrays() if _is_table(array)])
-        return None
+        if not isinstance(opened, zarr.Group):
+            return None
+        return (
+            columns if _are_names(columns) else _the_only(path, [n for n, each in opened.arrays() if _is_table(each)])
+        )
 
 
 def _is_table(array: Any) -> bool:
