@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from nonsac.memory import bytes_for
 from nonsac.sources import MappedSource, Source
 
 _ROWS_OF_THE_LAST_FIT = 100_000
 _NUMBER = 8
-_COPIES = 3  # rows as read, those of them that are finite, and their residuals and weights in a fit
-_BLOCKS_HELD = 2  # as the file has it, and as numbers
 _BYTES_A_SECOND = 200e6
 _SECONDS_A_SAMPLE, _SECONDS_A_ROW = 0.1, 5e-6
 
@@ -99,7 +98,6 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
     read = min(rows, max(_ROWS_OF_THE_LAST_FIT, samples * sample_size))
     bytes_read, bytes_of_all = _bytes(source, read), _bytes(source, rows)
     starts = getattr(source, "block_starts", None)
-    largest = 0 if starts is None or len(starts) < 2 else int((starts[1:] - starts[:-1]).max())
     return Plan(
         kind=type(_innermost(source)).__name__,
         rows=rows,
@@ -110,7 +108,7 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
         rows_read=read,
         bytes_read=bytes_read,
         bytes_of_all=bytes_of_all,
-        memory=_NUMBER * source.width * (_COPIES * read + _BLOCKS_HELD * largest),
+        memory=bytes_for(read, source),
         seconds=bytes_read / _BYTES_A_SECOND + samples * _SECONDS_A_SAMPLE + read * _SECONDS_A_ROW,
         seconds_of_all=bytes_of_all / _BYTES_A_SECOND,
     )
