@@ -270,6 +270,21 @@ def test_a_file_that_changes_while_it_is_read(tmp_path):
         source.take(np.array([0]))
 
 
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_a_file_that_is_written_anew_during_a_reading(tmp_path, name, monkeypatch):
+    path = write(tmp_path / name)
+    source, kind = ParquetSource(path), parquet._ParquetFile if name == "a.parquet" else parquet._ArrowFile
+    read = kind.read_block
+
+    def reading_while_it_changes(*arguments):
+        os.utime(path, ns=(0, 0))
+        return read(*arguments)
+
+    monkeypatch.setattr(kind, "read_block", reading_while_it_changes)
+    with pytest.raises(InputError, match=rf"{name}: the file was changed after it was opened"):
+        source.take(np.array([0]))
+
+
 def test_a_file_behind_a_url_that_becomes_shorter(tmp_path):
     path = write(tmp_path / "a.parquet")
     source = ParquetSource(f"file://{path}")

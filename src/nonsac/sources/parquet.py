@@ -77,8 +77,7 @@ class ParquetSource(BlockSource):
     def read_block(self, block: int) -> NDArray[np.float64]:
         file = int(np.searchsorted(self._first_blocks, block, side="right")) - 1
         path = self.paths[file]
-        if stamp_of(path) != self._stamps[file]:
-            raise changed(path)
+        self._check_unchanged(file)
         expected = int(self.block_starts[block + 1] - self.block_starts[block])
         rows = np.empty((expected, self.width))
         with _opened(path) as opened:
@@ -87,7 +86,12 @@ class ParquetSource(BlockSource):
                 raise changed(path)
             for place, name in enumerate(self.names):
                 rows[:, place] = table.column(name).to_numpy()
+        self._check_unchanged(file)
         return rows
+
+    def _check_unchanged(self, file: int) -> None:
+        if stamp_of(self.paths[file]) != self._stamps[file]:
+            raise changed(self.paths[file])
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ class StreamSource(ArraySource):
     The stream is read once, to its end, when the source is made: only then is the number of rows known, and what is
     wrong with the stream is reported where it was passed. Every row gets a random key, and those with the smallest
     keys are kept, ordered by key. So any disjoint samples of this source are disjoint uniform samples of the stream,
-    and the cuts between the chunks make no difference. Memory is that of 2 `rows` rows and one chunk.
+    and the cuts between the chunks make no difference. While the stream passes by, memory is that of five times `rows`
+    rows and a chunk; then that of `rows` rows.
 
     It pickles as the rows that it kept.
 
