@@ -54,18 +54,6 @@ def direct(job):
     return call(job.call, job.data, job.settings)
 
 
-def computed_alike(jobs, kind):
-    """By the calls themselves, in processes where the jobs run in processes.
-
-    This process has compiled its kernels, others load them from the cache, and numba then links other copies of what
-    several kernels share: the last bits of a sum differ, whatever runs the calls.
-    """
-    if kind != 2:
-        return [direct(job) for job in jobs]
-    with WorkerProcesses(1) as process:
-        return [process.submit(call, job.call, job.data, dict(job.settings)).result() for job in jobs]
-
-
 @pytest.fixture(scope="module")
 def threads():
     with ThreadPoolExecutor(2) as pool:
@@ -81,7 +69,7 @@ def test_results_are_those_of_the_calls_in_order_for_any_workers(kind, threads, 
     seen = []
     outcomes = list(estimate_many(jobs, workers=workers, progress=lambda *done: seen.append(done)))
     assert [job for job, _ in outcomes] == jobs
-    expected = computed_alike(jobs, kind)
+    expected = [direct(job) for job in jobs]
     assert all(result.success for result in expected)
     for (_, result), alone in zip(outcomes, expected, strict=True):
         if alone.covariance is None:
@@ -286,7 +274,11 @@ def test_a_generator_of_random_numbers_is_drawn_from_in_the_order_of_the_jobs():
     ("make", "error", "words"),
     [
         (lambda: Job("register", "a"), ValueError, "one of relative_pose, .*got 'register'"),
-        (lambda: Job("register_pairs", "a", nois=1.0), TypeError, "no setting 'nois' in a job; it has noise, scale"),
+        (
+            lambda: Job("register_pairs", "a", nois=1.0),
+            TypeError,
+            "no setting 'nois' in a job; it has target, noise, scale",
+        ),
         (lambda: Job("register_clouds", "a", "b", time_limit=1), TypeError, "no setting 'time_limit'"),
         (lambda: Job("register_pairs", "a", workers=4), TypeError, "no setting 'workers'"),
         (lambda: Job("register_pairs", "a", np.eye(3)), TypeError, "arrays or paths, not both"),

@@ -102,17 +102,16 @@ def test_killed_and_resumed(files, tmp_path):
     assert os.listdir(tmp_path) == ["report.json"]
 
 
-def test_a_worker_that_is_killed(tmp_path):
+def test_a_worker_that_is_killed_costs_time_only(tmp_path, files):
     path = tmp_path / "report.json"
     command = [sys.executable, "-m", "nonsac", "reproduce", "table2", *SHORT, "--workers", "2", "--json", str(path)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     wait_until(lambda: len(pool_of(process.pid)) == 2, process)
     os.kill(pool_of(process.pid)[0], signal.SIGKILL)
-    out, err = process.communicate(timeout=120)
-    assert (process.returncode, out) == (2, "")
-    assert err.startswith("nonsac: a worker process was killed")
-    assert err.count("\n") == 1
-    assert os.listdir(tmp_path) == ["report.json.partial"]
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 0
+    assert err.startswith("nonsac: warning: the workers are lost")
+    assert without_seconds(path) == without_seconds(files / "report.json")
 
 
 def pool_of(parent):

@@ -14,14 +14,14 @@ _CACHE = os.environ.get("NONSAC_CACHE", "1") != "0"
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a numerical kernel: releases the GIL, cached on disk, IEEE arithmetic in the written order.
-
-    Inlined where another kernel calls it, since which of several compiled copies is used would depend on what was
-    loaded first, and with it the last bits of the answer.
-    """
-    return njit(nogil=True, cache=_CACHE, error_model="numpy", forceinline=True)(function)
+    """Compile a numerical kernel: releases the GIL, cached on disk, IEEE arithmetic in the written order."""
+    return njit(nogil=True, cache=_CACHE, error_model="numpy")(function)
 
 
 def reordered_kernel(function: Callable[..., Any]) -> Any:
-    """Like `kernel`, for loops over residuals whose sums may be reordered so that they vectorise."""
-    return njit(nogil=True, cache=_CACHE, error_model="numpy", fastmath=_REORDER, forceinline=True)(function)
+    """Like `kernel`, for loops over residuals whose sums may be reordered so that they vectorise.
+
+    Not for what other kernels call: a caller's compiled module has a copy of its own, optimised there in another way,
+    and which copy a process uses, and with it the last bits of the answer, depends on what it loaded first.
+    """
+    return njit(nogil=True, cache=_CACHE, error_model="numpy", fastmath=_REORDER)(function)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nonsac.kernels._jit import kernel, reordered_kernel
+from nonsac.kernels._jit import kernel
 from nonsac.kernels.polynomial import LANES, ROOTS, new_root_work, real_roots
 from nonsac.kernels.pose_math import orthonormalise, rotate, solve_in_place, tangents
 
@@ -104,7 +104,7 @@ def null_space(matches, steps, rows, mirrors, inverses, basis):
         reflect(mirrors[k], basis)
 
 
-@reordered_kernel
+@kernel
 def epipolar_rows(matches, rows):
     """The unit vectors whose products with E are 0."""
     for i in range(5):
@@ -119,7 +119,7 @@ def epipolar_rows(matches, rows):
             row[9 * LANES + s] = 0.0
 
 
-@reordered_kernel
+@kernel
 def reflector(column, steps, mirror, inverse):
     """The reflection z - f (w . z) w that clears a column below its k-th number.
 
@@ -142,7 +142,7 @@ def reflector(column, steps, mirror, inverse):
         inverse[s] = (norm - head) * factor
 
 
-@reordered_kernel
+@kernel
 def reflect(mirror, vectors):
     """Apply a reflection to vectors (N, VECTOR), in place."""
     for j in range(vectors.shape[0]):
@@ -186,7 +186,7 @@ def cubic_constraints(basis, quadratics, cubics):
     sum_of_products(quadratics[0], basis, cubics[LANES * 9 :])
 
 
-@reordered_kernel
+@kernel
 def add_product(a, b, sign, quadratic):
     """Add sign (a . v)(b . v) with v = (x, y, z, 1) to a quadratic: x2 xy y2 xz yz z2 x y z 1."""
     for s in range(LANES):
@@ -204,7 +204,7 @@ def add_product(a, b, sign, quadratic):
         quadratic[9 * LANES + s] += a3 * b3
 
 
-@reordered_kernel
+@kernel
 def sum_of_products(quadratics, linear, cubic):
     """Three quadratics times three linear forms, in the orders of monomials above, into one cubic."""
     for s in range(LANES):
@@ -271,7 +271,7 @@ def eliminate(cubics, steps, mirror, inverses):
     substitute_back(cubics[:10].reshape(10 * VECTOR), inverses, cubics[10:])
 
 
-@reordered_kernel
+@kernel
 def substitute_back(triangle, inverses, columns):
     """The last six unknowns of triangular systems, in place of their right sides."""
     for j in range(columns.shape[0]):
@@ -285,7 +285,7 @@ def substitute_back(triangle, inverses, columns):
                     z[LANES * i + s] -= triangle[VECTOR * k + LANES * i + s] * value
 
 
-@reordered_kernel
+@kernel
 def hide_variable(cubics, equations):
     """Three equations in x, y, 1 whose coefficients are polynomials in z: four, four and five numbers of them.
 
@@ -308,7 +308,7 @@ def hide_variable(cubics, equations):
             equation[12 * LANES + s] = upper[9 * VECTOR + s]
 
 
-@reordered_kernel
+@kernel
 def determinant(equations, minor, polynomials):
     """Determinant of the three equations: eleven coefficients, highest power first."""
     polynomials[:] = 0.0
@@ -326,7 +326,7 @@ def determinant(equations, minor, polynomials):
                     polynomials[LANES * (i + j) + s] += minor[LANES * i + s] * c[LANES * (8 + j) + s]
 
 
-@reordered_kernel
+@kernel
 def essentials_at(roots, equations, basis, essentials):
     """The essential matrix, column by column, that belongs to a root z: x and y solve the three equations there."""
     first, second, third = equations[0], equations[1], equations[2]
@@ -344,7 +344,7 @@ def essentials_at(roots, equations, basis, essentials):
             essentials[j] = x * basis[j] + y * basis[VECTOR + j] + z * basis[2 * VECTOR + j] + w * basis[3 * VECTOR + j]
 
 
-@reordered_kernel
+@kernel
 def _values(equation, s, z):
     """The three coefficients of an equation at z."""
     x, y, one = 0.0, 0.0, 0.0
@@ -355,14 +355,14 @@ def _values(equation, s, z):
     return x, y, one * z + equation[12 * LANES + s]
 
 
-@reordered_kernel
+@kernel
 def _longer(a0, a1, a2, b0, b1, b2):
     """The longer one of two vectors; of one with NaN and another, the other."""
     longer = a0 * a0 + a1 * a1 + a2 * a2 > b0 * b0 + b1 * b1 + b2 * b2
     return a0 if longer else b0, a1 if longer else b1, a2 if longer else b2
 
 
-@reordered_kernel
+@kernel
 def poses_in_front(essentials, matches, poses, sides):
     """The pose [R | t], row by row, of each essential matrix that may have all matches in front of both cameras.
 
@@ -419,7 +419,7 @@ def poses_in_front(essentials, matches, poses, sides):
         poses[10 * LANES + s], poses[11 * LANES + s] = t2 * b2 + sign * d22, t2
 
 
-@reordered_kernel
+@kernel
 def _larger(a, b):
     """The larger one; NaN where b is NaN."""
     return a if a > b else b

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nonsac.kernels._jit import kernel, reordered_kernel
+from nonsac.kernels._jit import kernel
 
 LANES = 16
 # The most roots of all lanes together.
@@ -114,7 +114,7 @@ def sturm_chains(polynomials, remainders, chains):
         chains[30 * LANES + s] = upper[s]
 
 
-@reordered_kernel
+@kernel
 def _divide(upper, lower, quotient):
     """One step of Euclid's algorithm, upper = (a x + b) lower - c remainder; the remainder replaces `upper`."""
     for s in range(LANES):
@@ -157,7 +157,7 @@ def isolate_roots(work):
         _sort_intervals(lane, low, size, before, last, work)
 
 
-@reordered_kernel
+@kernel
 def _count_sign_changes(chain, low, size, points, changes):
     """Sign changes of a lane's Sturm chain at points that are equally far from each other in u.
 
@@ -221,7 +221,7 @@ def load_newton(polynomials, brackets, newton):
         newton[16 * ROOTS + r] = 1.0 if far else 0.0
 
 
-@reordered_kernel
+@kernel
 def refine_roots(newton):
     """Newton's method in LANES brackets at once, halving those that a step would leave; the roots are put at 13.
 

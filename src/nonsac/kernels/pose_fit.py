@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nonsac.kernels._jit import kernel, reordered_kernel
+from nonsac.kernels._jit import kernel
 from nonsac.kernels.eigen import diagonalise
 from nonsac.kernels.pose_math import orthonormalise, rotate, solve_in_place, tangents
 
@@ -199,7 +199,7 @@ def _sampson_slope(d, scale, a, b, c, e, x, y, u, v):
     return scale * product - (a * da + b * db + c * dc + e * de)
 
 
-@reordered_kernel
+@kernel
 def sampson_equations(columns, weights, threshold, directions, hessian, gradient):
     x, y, u, v = columns[0], columns[1], columns[2], columns[3]
     inverse = 1.0 / (threshold * threshold)
@@ -286,7 +286,7 @@ def reprojection_slopes(focal, inverse, p, q, a, b, c, jacobian):
     second[3], second[4], second[5] = 0.0, scale, along_q
 
 
-@reordered_kernel
+@kernel
 def reprojection_equations(columns, weights, threshold, focal, model, hessian, gradient):
     u, v, x, y, z = columns[0], columns[1], columns[2], columns[3], columns[4]
     scale = 1.0 / (threshold * threshold)

@@ -6,7 +6,6 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -69,8 +68,6 @@ def run_trials(
     ------
     ValueError
         If the journal belongs to another run.
-    ChildProcessError
-        If a worker process is killed.
     """
     with Journal(journal, plan.settings, resume) as kept:
         _check_trials(plan, kept.trials)
@@ -113,10 +110,4 @@ def _pool(workers: int | None, tasks: int) -> Iterator[Workers]:
         return
     spawn = multiprocessing.get_context("spawn")  # a fork would copy the locks of running threads
     with ProcessPoolExecutor(processes, mp_context=spawn, initializer=end_with_parent) as pool:
-        try:
-            yield pool
-        except BrokenProcessPool as error:
-            raise ChildProcessError(
-                "a worker process was killed, perhaps for want of memory; finished trials are kept "
-                "where there is a journal (--json, --resume)"
-            ) from error
+        yield pool
