@@ -9,7 +9,7 @@ import pytest
 import naive
 import nonsac
 from nonsac import simulate
-from nonsac.full_pass import SumTask, _task, fitted_to_all, piece_bounds
+from nonsac.full_pass import SumTask, first_pass, fitted_to_all, piece_bounds
 from nonsac.mixture import Mixture
 from nonsac.noise import measured_noise
 from nonsac.problems import AbsolutePose, Registration, RelativePose, Weighted, residual_dimension
@@ -102,7 +102,7 @@ def test_the_fit_is_that_of_all_rows_at_once(case, rng):
     start = problem.refit(truth, some, (problem.residuals(truth[None], some)[0] < 2 * noise).astype(float))
     source = ArraySource(rows)
     fitted = fitted_to_all(trusted(problem, source, start, noise), workers=1)
-    weigher, model = _task(trusted(problem, source, start, noise)).weigher, start
+    weigher, model = first_pass(trusted(problem, source, start, noise)).weigher, start
     for _ in range(300):
         previous = model
         model = problem.refit(model, rows, weigher(problem.residuals(model[None], rows)[0])[0])

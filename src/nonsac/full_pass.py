@@ -78,7 +78,7 @@ def fitted_to_all(result: Result, workers: Workers) -> Result:
     sampled rows. Neither the pieces nor the order in which their sums are added depend on the workers.
     """
     begun = time.perf_counter()
-    task = _task(result) if result.status in (Status.OK, Status.AMBIGUOUS) else None
+    task = first_pass(result) if result.status in (Status.OK, Status.AMBIGUOUS) else None
     if task is None:
         return result
     if isinstance(task.source, HeldSource):  # workers read the file where they are
@@ -108,7 +108,7 @@ def fitted_to_all(result: Result, workers: Workers) -> Result:
     )
 
 
-def _task(result: Result) -> SumTask | None:
+def first_pass(result: Result) -> SumTask | None:
     """The first pass; None where the rows have no noise, so that there is nothing to gain."""
     assert result.evidence is not None
     source, problem, model = result.evidence.source, result.evidence.problem, result.T[:3]

@@ -38,6 +38,7 @@ def test_help_and_version(run):
 
 SHARED = {"--samples", "--sample-size", "--seed", "--workers", "--output", "--picture", "--json", "--quiet", "--help"}
 ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--time-limit", "--columns", "--dataset"}
+ROWS |= {"--max-memory", "--refine"}
 OPTIONS = {
     "register-clouds": SHARED | {"--save-aligned"},
     "register-pairs": ROWS | {"--scale", "--save-aligned"},

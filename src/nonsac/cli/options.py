@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,6 +13,15 @@ import typer
 if TYPE_CHECKING:
     from nonsac.camera import Camera
     from nonsac.result import Array
+
+
+class LastFit(StrEnum):
+    """Choices of --refine."""
+
+    union = "union"
+    polish = "polish"
+    full = "full"
+    none = "none"
 
 
 def positive(value: float | None) -> float | None:
@@ -33,6 +43,29 @@ def count_from(least: int) -> Callable[[str], str]:
 
 def count_of(text: str) -> int | Literal["auto"]:
     return "auto" if text == "auto" else int(text)
+
+
+def workers(text: str | None) -> str | None:
+    """Checked here, used as `workers_of`."""
+    if text is not None and "://" not in text and not (text.isdecimal() and int(text) >= 1):
+        raise typer.BadParameter(f"{text!r} is neither a number of at least 1 nor an address (tcp://host:8786)")
+    return text
+
+
+def workers_of(text: str | None) -> int | str | None:
+    return int(text) if text is not None and text.isdecimal() else text
+
+
+def memory(text: str | None) -> str | None:
+    """Checked here, used as it is."""
+    if text is not None:
+        from nonsac.memory import bytes_of
+
+        try:
+            bytes_of(text)
+        except ValueError:
+            raise typer.BadParameter(f"{text!r} is no number of bytes, such as 500000000 or '500 MB'") from None
+    return text
 
 
 def scale(text: str) -> str:
@@ -112,6 +145,28 @@ TimeLimit = Annotated[
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same answer.")]
 Workers = Annotated[int | None, typer.Option(min=1, show_default="all cores", help="Number of threads.")]
+AnyWorkers = Annotated[
+    str | None,
+    typer.Option(
+        "--workers",
+        callback=workers,
+        metavar="INTEGER|ADDRESS",
+        show_default="all cores",
+        help="Number of threads, or the address of a Dask scheduler (tcp://host:8786).",
+    ),
+]
+MaxMemory = Annotated[
+    str | None,
+    typer.Option(
+        callback=memory,
+        metavar="BYTES",
+        help="Memory for the sampled rows, as '500 MB': bounds the samples, and the rows of the last fit.",
+    ),
+]
+Refine = Annotated[
+    LastFit,
+    typer.Option(help="The last fit: to the sampled rows, to 100,000, to all rows (in passes over them), or none."),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no notes; warnings and errors remain.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Write the result to stdout as JSON, and nothing else there.")]
 Transform = Annotated[Path | None, typer.Option("--output", metavar="FILE", help="Write T as 4x4 text with 17 digits.")]

@@ -26,25 +26,29 @@ from nonsac.cli.inputs import (
 )
 from nonsac.cli.messages import say, wrote
 from nonsac.cli.options import (
+    AnyWorkers,
     AsJson,
     Camera1,
     Camera2,
     Columns,
     Dataset,
     Inliers,
+    LastFit,
+    MaxMemory,
     MaxSamples,
     OneCamera,
     Photo,
     PoseNoise,
     Quiet,
+    Refine,
     Samples,
     SampleSizeOf3,
     SampleSizeOf5,
     Seed,
     TimeLimit,
     Transform,
-    Workers,
     count_of,
+    workers_of,
 )
 from nonsac.cli.outputs import Outputs, exit_code, is_found, matrix_text, show
 from nonsac.cli.rows import note_share, open_rows, opens_as_source, seen_there, some_rows
@@ -81,8 +85,10 @@ def relative_pose(
     sample_size: SampleSizeOf5 = "auto",
     max_samples: MaxSamples = 100,
     time_limit: TimeLimit = None,
+    max_memory: MaxMemory = None,
+    refine: Refine = LastFit.polish,
     seed: Seed = 0,
-    workers: Workers = None,
+    workers: AnyWorkers = None,
     output: Transform = None,
     save_inliers: Inliers = None,
     write_geometry: Annotated[
@@ -143,7 +149,9 @@ def relative_pose(
                 sample_size=count_of(sample_size),
                 max_samples=max_samples,
                 time_limit=time_limit,
-                workers=workers,
+                max_memory=max_memory,
+                refine=refine.value,
+                workers=workers_of(workers),
                 rng=seed,
                 progress=progress,
             )
@@ -178,8 +186,10 @@ def absolute_pose(
     sample_size: SampleSizeOf3 = "auto",
     max_samples: MaxSamples = 100,
     time_limit: TimeLimit = None,
+    max_memory: MaxMemory = None,
+    refine: Refine = LastFit.polish,
     seed: Seed = 0,
-    workers: Workers = None,
+    workers: AnyWorkers = None,
     output: Transform = None,
     save_inliers: Inliers = None,
     picture: Annotated[
@@ -224,7 +234,9 @@ def absolute_pose(
                 sample_size=count_of(sample_size),
                 max_samples=max_samples,
                 time_limit=time_limit,
-                workers=workers,
+                max_memory=max_memory,
+                refine=refine.value,
+                workers=workers_of(workers),
                 rng=seed,
                 progress=progress,
             )

@@ -10,12 +10,16 @@ import typer
 from nonsac.cli.inputs import check_table
 from nonsac.cli.messages import tell, wrote
 from nonsac.cli.options import (
+    AnyWorkers,
     AsJson,
     Columns,
     Dataset,
     Inliers,
+    LastFit,
+    MaxMemory,
     MaxSamples,
     Quiet,
+    Refine,
     Samples,
     SampleSizeOf3,
     Seed,
@@ -25,6 +29,7 @@ from nonsac.cli.options import (
     count_of,
     positive,
     scale_of,
+    workers_of,
 )
 from nonsac.cli.options import scale as check_scale
 from nonsac.cli.outputs import Draw, Outputs, exit_code, is_found, matrix_text, show, worth_writing
@@ -109,8 +114,10 @@ def register_pairs(
     sample_size: SampleSizeOf3 = "auto",
     max_samples: MaxSamples = 100,
     time_limit: TimeLimit = None,
+    max_memory: MaxMemory = None,
+    refine: Refine = LastFit.polish,
     seed: Seed = 0,
-    workers: Workers = None,
+    workers: AnyWorkers = None,
     output: Transform = None,
     save_aligned: Aligned = None,
     save_inliers: Inliers = None,
@@ -145,7 +152,9 @@ def register_pairs(
             sample_size=count_of(sample_size),
             max_samples=max_samples,
             time_limit=time_limit,
-            workers=workers,
+            max_memory=max_memory,
+            refine=refine.value,
+            workers=workers_of(workers),
             rng=seed,
             progress=progress,
         )

@@ -1,0 +1,186 @@
+"""The last fit to all rows: its time and accuracy beside PoseLib's, its speed in rows, and what a cluster gains.
+
+    python benchmarks/full_fit.py [--sizes 1e6 1e7] [--seeds 7] [--json FILE]
+
+*Poses*: relative pose at 85 % outliers, noise 0.0025, rows in memory, all cores, everything warm. `refine="full"`, the
+default, and PoseLib on 2,000 random rows (100,000 iterations) refined on all rows take turns on the same data.
+*Passes*: one pass over registration rows in memory, on one core. *Cluster*: 60 samples of relative pose by one and by
+two worker processes of a Dask cluster, in turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common import RESULTS, installed, say, write
+from numpy.typing import NDArray
+from scaling_methods import poselib_refit
+
+import nonsac
+from nonsac.evaluation import rotation_error
+from nonsac.full_pass import first_pass, fitted_to_all
+
+Array = NDArray[np.float64]
+
+OUTLIERS, NOISE = 0.85, 0.0025
+ROWS, PAIRS_NOISE = 2**22, 0.01
+CLUSTER_ROWS, SAMPLES = 1_000_000, 60
+
+
+def main() -> None:
+    options = parse()
+    results: dict[str, Any] = {
+        "poses": [row for size in options.sizes for row in poses(size, options.seeds)],
+        "passes": [passes(outliers, options.repeats) for outliers in (0.99, 0.5, 0.0)],
+    }
+    if installed("distributed"):
+        results["cluster"] = cluster(options.repeats)
+    settings = {"outlier_ratio": OUTLIERS, "noise": NOISE, "seeds": options.seeds, "repeats": options.repeats}
+    write(options.json, "full_fit", settings=settings, results=results)
+
+
+def parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", nargs="+", type=lambda text: int(float(text)), default=[10**6, 10**7])
+    parser.add_argument("--seeds", type=int, default=7)
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--json", type=Path, default=RESULTS / "full_fit.json")
+    return parser.parse_args()
+
+
+# --- poses -----------------------------------------------------------------------------------------------------------
+
+
+def ours(refine: str, first: Array, second: Array, seed: int) -> Array:
+    return nonsac.relative_pose(first, second, noise=NOISE, refine=refine, rng=seed).T
+
+
+def rival(first: Array, second: Array, seed: int) -> Array:
+    return poselib_refit(first, second, [np.eye(3)] * 2, NOISE, seed)
+
+
+def poses(rows: int, seeds: int) -> list[dict[str, Any]]:
+    """Seconds and degrees of each method on the same data."""
+    methods: dict[str, Callable[[Array, Array, int], Array]] = {
+        "full": partial(ours, "full"),
+        "polish": partial(ours, "polish"),
+        **({"poselib_refit": rival} if installed("poselib") else {}),
+    }
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in methods}
+    for seed in range(seeds + 1):
+        views = nonsac.simulate.relative_pose(rows, OUTLIERS, NOISE, rng=seed)
+        for name, method in methods.items():
+            start = time.perf_counter()
+            T = method(views.points1, views.points2, seed)
+            found[name].append((time.perf_counter() - start, rotation_error(T[:3, :3], views.T[:3, :3])))
+    summaries = [
+        {"rows": rows, "method": name} | summary(calls[1:]) for name, calls in found.items()
+    ]  # the first warms
+    for row in summaries:
+        say(str(row))
+    return summaries
+
+
+def summary(calls: list[tuple[float, float]]) -> dict[str, Any]:
+    seconds, degrees = np.array(calls).T
+    return {
+        "seconds": float(np.median(seconds)),
+        "median_degrees": float(np.median(degrees)),
+        "rms_degrees": float(np.sqrt(np.mean(degrees**2))),
+        "all_seconds": np.round(seconds, 4).tolist(),
+        "all_degrees": np.round(degrees, 6).tolist(),
+    }
+
+
+# --- passes ----------------------------------------------------------------------------------------------------------
+
+
+def passes(outliers: float, repeats: int) -> dict[str, Any]:
+    """Rows per second and core of one pass, and how far its answer is from least squares in memory."""
+    pairs = nonsac.simulate.registration(ROWS, outliers, PAIRS_NOISE, rng=0)
+    source = nonsac.JoinedSource([pairs.source, pairs.target])
+    result = nonsac.register_pairs(pairs.source, pairs.target, noise=PAIRS_NOISE, workers=1)
+    task = first_pass(result)
+    seconds = []
+    for _ in range(repeats + 1):
+        start = time.perf_counter()
+        for piece in range(len(task.bounds) - 1):
+            task(piece)
+        seconds.append(time.perf_counter() - start)
+    full = fitted_to_all(result, workers=1)
+    difference = float(np.abs(full.T[:3] - least_squares(full, source, task.weigher)).max())
+    row = {"outlier_ratio": outliers, "rows": ROWS, "rows_per_second": ROWS / float(np.median(seconds[1:]))}
+    row |= {"passes": full.info["passes"], "difference_to_least_squares": difference}
+    say(str(row))
+    return row
+
+
+def least_squares(result: nonsac.Result, source: nonsac.JoinedSource, weigher: Any) -> Array:
+    """Of all rows at once, in closed form, with weights and model in turn until neither changes."""
+    problem, model = nonsac.Registration(), result.T[:3]
+    rows = source.take(np.arange(len(source)))
+    for _ in range(50):
+        fitted = problem.refit(model, rows, weigher(problem.residuals(model[None], rows)[0])[0])
+        settled, model = np.abs(fitted - model).max() < 1e-13, fitted
+        if settled:
+            break
+    return model
+
+
+# --- cluster ---------------------------------------------------------------------------------------------------------
+
+
+def cluster(repeats: int) -> dict[str, Any]:
+    """Medians of seconds with one and with two worker processes, and whether the bits are those of one thread."""
+    import distributed
+
+    views = nonsac.simulate.relative_pose(CLUSTER_ROWS, OUTLIERS, NOISE, rng=0)
+    path = RESULTS / "cluster_rows.npy"
+    np.save(path, np.hstack([views.points1, views.points2]))
+    try:
+        with (
+            distributed.LocalCluster(
+                n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+            ) as nodes,
+            distributed.Client(nodes) as client,
+        ):
+            first, _ = client.scheduler_info()["workers"]
+            pools = {"one": client.get_executor(pure=False, workers=[first]), "two": client.get_executor(pure=False)}
+            return compared(pools, path, repeats)
+    finally:
+        path.unlink()
+
+
+def compared(pools: dict[str, Executor], path: Path, repeats: int) -> dict[str, Any]:
+    seconds: dict[str, list[float]] = {name: [] for name in pools}
+    alone = sixty_samples(path, 1)
+    same = True
+    for _ in range(repeats + 1):
+        for name, pool in pools.items():
+            start = time.perf_counter()
+            result = sixty_samples(path, pool)
+            seconds[name].append(time.perf_counter() - start)
+            same &= result.T.tobytes() == alone.T.tobytes()
+    one, two = (float(np.median(seconds[name][1:])) for name in ("one", "two"))
+    row = {"seconds_one": one, "seconds_two": two, "ratio": one / two, "same_bits": bool(same)}
+    say(str(row))
+    return row
+
+
+def sixty_samples(path: Path, workers: Any) -> nonsac.Result:
+    estimator = nonsac.Ransac(5000)
+    source = nonsac.open_source(path)
+    return nonsac.estimate(
+        source, nonsac.RelativePose(), estimator, noise=NOISE, samples=SAMPLES, sample_size=2000, workers=workers
+    )
+
+
+if __name__ == "__main__":
+    main()

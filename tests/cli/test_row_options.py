@@ -1,0 +1,47 @@
+"""Options of all commands that estimate from rows."""
+
+import numpy as np
+import pytest
+
+from nonsac import simulate
+
+
+@pytest.fixture(autouse=True)
+def rows(tmp_path, monkeypatch, rng):
+    monkeypatch.chdir(tmp_path)
+    pairs = simulate.registration(150_000, 0.6, 0.01, rng)
+    np.save("pairs.npy", np.hstack([pairs.source, pairs.target]))
+
+
+@pytest.mark.parametrize(("refine", "seen"), [("union", 4000), ("polish", 100_000), ("full", 150_000), ("none", 4000)])
+def test_how_many_rows_the_last_fit_sees(run, refine, seen):
+    code, out, _ = run("register-pairs", "pairs.npy", "--noise", 0.01, "--refine", refine)
+    assert code == 0
+    assert f" of {seen} (" in out
+
+
+def test_memory_bounds_the_last_fit(run):
+    code, out, _ = run("register-pairs", "pairs.npy", "--noise", 0.01, "--max-memory", "16 MB")
+    assert code == 0
+    assert int(out.split(" of ")[1].split()[0]) <= 20_833
+
+
+def test_workers_are_a_number_or_an_address(run):
+    assert run("register-pairs", "pairs.npy", "--noise", 0.01, "--workers", 2)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--refine", "best", "'best' is not one of 'union', 'polish', 'full', 'none'"),
+        ("--max-memory", "lots", "'lots' is no number of bytes, such as 500000000 or '500 MB'"),
+        ("--max-memory", "5 MB", "max_memory is too little for"),
+        ("--workers", "0", "'0' is neither a number of at least 1 nor an address (tcp://host:8786)"),
+        ("--workers", "many", "'many' is neither a number"),
+    ],
+)
+def test_wrong_values_are_one_line(run, option, value, message):
+    code, out, err = run("register-pairs", "pairs.npy", option, value)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert err.strip().count("\n") == 0
