@@ -74,6 +74,27 @@ def test_columns_with_the_standard_names_are_picked_wherever_they_are():
     )
 
 
+def test_the_case_of_names_makes_no_difference():
+    a, b = views()
+    source = Named(np.hstack([b, a]), ("X2", "Y2", "X1", "Y1"))
+    same(
+        nonsac.relative_pose(source, camera1=BENT, camera2=OTHER, noise=0.5),
+        nonsac.relative_pose(a, b, BENT, OTHER, noise=0.5),
+    )
+
+
+@pytest.mark.parametrize("names", [("id", "x1", "y1", "x2"), ("id", "x1", "y1", "x2", "other"), ("y1", "x1", "p", "q")])
+def test_standard_names_at_other_places_are_not_read_by_position(names):
+    with pytest.raises(ValueError, match=r"of which none is called .*y2; rename the columns, or choose others"):
+        pick_columns(Named(np.zeros((9, len(names))), names), MATCHES)
+
+
+@pytest.mark.parametrize("names", [("a", "b", "c", "d"), ("x1", "y1", "u", "v"), ("a", "b", "c", "d", "weight")])
+def test_columns_of_other_names_are_taken_in_their_order(names):
+    source = Named(np.zeros((9, len(names))), names)
+    assert pick_columns(source, MATCHES) is source
+
+
 def test_a_table_on_disk(tmp_path):
     pa = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")

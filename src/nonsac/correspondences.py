@@ -94,16 +94,21 @@ def pick_columns(source: Source, columns: Columns) -> Source:
     Raises
     ------
     ValueError
-        Where it has another number of columns; the message says how many, and which.
+        Where it has another number of columns, or some of these names at other places and lacks the rest; the message
+        says how many, and which.
     """
-    names, width = getattr(source, "names", None) or (), len(columns.names)
-    chosen = [name if name in names else name.lower() for name in columns.names]
-    if set(chosen) <= set(names):
+    names, width = tuple(getattr(source, "names", None) or ()), len(columns.names)
+    places = [_place(name, names) for name in columns.names]
+    chosen = [names[place] for place in places if place is not None]
+    if len(chosen) == width:
         return _with_columns(source, [*chosen, WEIGHT] if WEIGHT in names else chosen)
+    held = f"rows of {source.width} columns" + (f" ({' '.join(names)})" if names else "")
     if source.width not in (width, width + 1):
-        held = f" ({' '.join(names)})" if names else ""
         expected = f"{width} ({' '.join(columns.names)}), or {width + 1} with a weight"
-        raise ValueError(f"rows of {source.width} columns{held}, not of {expected}; choose columns")
+        raise ValueError(f"{held}, not of {expected}; choose columns")
+    if any(place not in (None, position) for position, place in enumerate(places)):
+        missing = " ".join(name for name, place in zip(columns.names, places, strict=True) if place is None)
+        raise ValueError(f"{held}, of which none is called {missing}; rename the columns, or choose others")
     return source
 
 
@@ -117,6 +122,14 @@ def spread_rows(source: Source, count: int, most_blocks: int) -> NDArray[np.int6
     ends = np.cumsum(sizes)
     inside = np.searchsorted(ends, places, side="right")
     return places - (ends - sizes)[inside] + starts[blocks][inside]
+
+
+def _place(name: str, names: Sequence[str]) -> int | None:
+    """Where a name is, in whatever case; the exact one is preferred."""
+    if name in names:
+        return names.index(name)
+    folded = [other.lower() for other in names]
+    return folded.index(name.lower()) if folded.count(name.lower()) == 1 else None
 
 
 def _with_columns(source: Source, chosen: Sequence[str]) -> Source:
