@@ -200,7 +200,19 @@ def test_weights_count(rng):
     np.testing.assert_allclose(first.gradient, second.gradient, rtol=1e-6, atol=1e-9)
     result = nonsac.relative_pose(rows[:, :2], rows[:, 2:], noise=noise, weights=weights, refine="full")
     assert result.success
-    assert result.num_rows == 20_000
+    assert result.num_rows == np.count_nonzero(weights)
+
+
+@pytest.mark.filterwarnings("ignore:dropped")
+@pytest.mark.parametrize("useless", [np.nan, np.inf, 0.0, -1.0])
+def test_rows_whose_weight_is_useless_are_left_out(useless, rng):
+    _, rows, _, noise = rows_of("relative pose", 20_000, 0.5, rng)
+    weighted = np.column_stack([rows, rng.uniform(0.5, 1.0, len(rows))])
+    weighted[::7, -1] = useless
+    result = nonsac.relative_pose(ArraySource(weighted), noise=noise, refine="full", samples=4, sample_size=1000)
+    assert result.success
+    assert "passes" in result.info
+    assert result.num_rows == len(rows) - len(rows[::7])
 
 
 class Counting(ArraySource):

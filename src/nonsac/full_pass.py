@@ -57,6 +57,9 @@ class SumTask:
         return reduce(add, map(self._sums, chunks))
 
     def _sums(self, rows: Array) -> Sums:
+        if hasattr(self.problem, "row_weights"):  # as in samples: one weight that is no number would spoil all sums
+            rows = rows[np.isfinite(rows).all(axis=1)]
+            rows = rows[self.problem.row_weights(rows) > 0.0]
         equations, residuals = self.problem.normal_equations(self.model, rows, self.weigher, self.pivot)
         inliers = int(np.count_nonzero(residuals < self.threshold))
         return Sums(equations, inliers, _count_finite(rows, residuals))

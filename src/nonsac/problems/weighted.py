@@ -49,10 +49,10 @@ class Weighted:
         return getattr(self.problem, "residual_dimension", 1)
 
     def row_weights(self, rows: Array) -> Array:
-        """Weights of rows (N, D), scaled to a mean of 1."""
-        weights = rows[:, -1]
+        """Weights of rows (N, D), scaled to a mean of 1; negative ones, which only a source can have, are 0."""
+        weights = np.maximum(rows[:, -1], 0.0)
         total = weights.sum()
-        return weights * (len(weights) / total) if total > 0.0 else np.ones(len(weights))
+        return weights * (len(weights) / total) if total > 0.0 else weights
 
     def solve_minimal(self, samples: Array) -> Array:
         return self.problem.solve_minimal(np.ascontiguousarray(samples[..., :-1]))
