@@ -38,7 +38,8 @@ class Journal:
     Raises
     ------
     ValueError
-        If the file is there and `resume` is not set, or it comes from other settings, or is no journal.
+        If the file is there and `resume` is not set, or it comes from other settings, or is no journal, or another
+        run writes to it.
     """
 
     def __init__(
@@ -52,19 +53,23 @@ class Journal:
         self.path = Path(path)
         self.count = 0
         header = _line({"settings": settings})
-        if _starts(self.path, header):  # nothing there, or killed while it wrote the first line
-            self._file = _opened(self.path, "wb")
-            self._write(header)
-            return
-        before, self.count, end = _parsed(self.path, check)
-        if not resume:
-            raise ValueError(
-                f"{self.path} is left from a run that was stopped, with {self.count} {what} done; "
-                "go on there with resume (--resume), or remove it"
-            )
-        _check_settings(self.path, before, json.loads(header)["settings"])
-        os.truncate(self.path, end)  # the last line is torn where the run was killed
-        self._file = _opened(self.path, "ab")
+        self._file = _opened(self.path)
+        try:
+            if _starts(self.path, header):  # nothing there, or killed while it wrote the first line
+                os.truncate(self.path, 0)
+                self._write(header)
+                return
+            before, self.count, end = _parsed(self.path, check)
+            if not resume:
+                raise ValueError(
+                    f"{self.path} is left from a run that was stopped, with {self.count} {what} done; "
+                    "go on there with resume (--resume), or remove it"
+                )
+            _check_settings(self.path, before, json.loads(header)["settings"])
+            os.truncate(self.path, end)  # the last line is torn where the run was killed
+        except BaseException:
+            self._file.close()
+            raise
 
     def add(self, record: Any) -> None:
         """Keep a record, in the file when this returns.
@@ -104,15 +109,32 @@ def _line(content: Any) -> bytes:
     return (json.dumps(content) + "\n").encode()
 
 
-def _opened(path: Path, mode: str) -> BinaryIO:
-    file: BinaryIO = path.open(mode, buffering=0)  # type: ignore[assignment]
+def _opened(path: Path) -> BinaryIO:
+    """The file, locked where the system can: the records of two runs would be mixed up."""
+    file: BinaryIO = path.open("ab", buffering=0)
+    try:
+        _lock(file, path)
+    except BaseException:
+        file.close()
+        raise
     return file
+
+
+def _lock(file: BinaryIO, path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise ValueError(f"{path} is in use by another run; let it end, or choose another name") from error
+    except OSError:  # not every file system can
+        return
 
 
 def _starts(path: Path, header: bytes) -> bool:
     """Whether the file is the header, or the beginning of it."""
-    if not path.exists():
-        return True
     with path.open("rb") as file:
         return header.startswith(file.read(len(header) + 1))
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -86,6 +87,18 @@ def test_the_journal_keeps_every_bit(tmp_path):
     with Journal(tmp_path / "j", {"seed": 1}, resume=True) as journal:
         again = journal.trials[9]
     assert repr(again) == repr(trial)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no flock")
+def test_a_journal_that_another_run_writes_to_is_refused(tmp_path):
+    with Journal(tmp_path / "j", {"seed": 1}) as journal:
+        journal.add(0, Trial({}, {}, {}))
+        for resume in (False, True):
+            with pytest.raises(ValueError, match="in use by another run"):
+                Journal(tmp_path / "j", {"seed": 1}, resume)
+        journal.add(1, Trial({}, {}, {}))
+    with Journal(tmp_path / "j", {"seed": 1}, resume=True) as journal:
+        assert list(journal.trials) == [0, 1]
 
 
 def test_a_journal_of_another_run_is_refused(tmp_path):
