@@ -10,7 +10,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from nonsac.executors import ordered_map
+from nonsac.executors import _waited_for, ordered_map
 
 
 def square(i):
@@ -191,6 +191,41 @@ def test_a_killed_process_costs_time_only():
     context = get_context("fork")  # the function of a test module does not travel to a new interpreter
     with ProcessPoolExecutor(2, mp_context=context) as pool, pytest.warns(UserWarning, match="the workers are lost"):
         assert list(ordered_map(kill_worker, 12, pool)) == [i * i for i in range(12)]
+
+
+class EndsAsTheWaitDoes(Future):
+    """A task that ends just after the patience with it."""
+
+    def result(self, timeout=None):
+        if not self.done():
+            self.set_result(7)
+            raise TimeoutError
+        return super().result()
+
+
+def test_a_task_that_ends_as_the_patience_does_is_no_error():
+    pool = ThreadPoolExecutor(1)
+    pool._client = None
+    assert _waited_for(finished(1), pool) == 1
+    pool._client = object()
+    assert _waited_for(EndsAsTheWaitDoes(), pool) == 7
+    own = Future()
+    own.set_exception(TimeoutError("the task's own"))
+    with pytest.raises(TimeoutError, match="the task's own"):
+        _waited_for(own, pool)
+    pool.shutdown()
+
+
+class ClosedClient:
+    status = "closed"
+
+    def get_executor(self, pure):
+        raise AssertionError("it is closed")
+
+
+def test_a_closed_client_is_refused():
+    with pytest.raises(ValueError, match="a Dask client that is closed; make a new one"):
+        list(ordered_map(square, 3, ClosedClient()))
 
 
 class Packed:

@@ -66,6 +66,9 @@ def parsed(workers: object) -> int | Executor:
     if isinstance(workers, str) and (workers == "dask" or workers.startswith(_ADDRESSES)):
         workers = _dask_client(workers)
     if hasattr(workers, "get_executor"):
+        status = getattr(workers, "status", "running")
+        if status not in ("running", "connecting"):
+            raise ValueError(f"workers is a Dask client that is {status}; make a new one")
         return workers.get_executor(pure=False)
     raise ValueError(
         "workers must be None, a positive integer, an Executor, a Dask client, "
@@ -122,8 +125,8 @@ def _waited_for(future: Future[Outcome], pool: Executor) -> Outcome:
         try:
             return future.result(timeout=_PATIENCE)
         except TimeoutError:
-            if future.done():
-                raise  # the task's own
+            if future.done():  # it is the task's own, or the task has ended just now
+                return future.result()
             deserted = 0 if client.status == "running" and client.nthreads() else deserted + 1
     raise BrokenExecutor("the Dask cluster has no workers left")
 
