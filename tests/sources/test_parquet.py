@@ -188,6 +188,14 @@ def test_the_pickle_is_a_description(folder):
     assert len(pickle.dumps(source)) < 2000
 
 
+def test_the_working_directory_may_change(tmp_path, monkeypatch):
+    write(tmp_path / "a.parquet")
+    monkeypatch.chdir(tmp_path)
+    source = ParquetSource("a.parquet")
+    monkeypatch.chdir("/")
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(source)).take(np.arange(100)), ROWS)
+
+
 def test_a_column_that_is_not_there(tmp_path):
     path = write(tmp_path / "a.parquet")
     with pytest.raises(InputError, match=r"a.parquet: holds no column 'u' \(it holds x1, y1, x2, y2\)"):

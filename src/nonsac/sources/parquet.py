@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -53,7 +54,8 @@ class ParquetSource(BlockSource):
     """
 
     def __init__(self, paths: FilePath | Sequence[FilePath], columns: Sequence[str | int] | None = None) -> None:
-        self.paths = listed_files(paths, SUFFIXES)
+        files = listed_files(paths, SUFFIXES)
+        self.paths = [path if is_url(path) else os.path.abspath(path) for path in files]  # workers may be elsewhere
         _import_pyarrow(self.paths[0])
         self.names = _chosen(self.paths[0], columns)
         with ThreadPoolExecutor(_AT_ONCE) as pool:

@@ -132,7 +132,8 @@ def _matching(pattern: str) -> list[str]:
 def _beneath(folder: str) -> list[str]:
     """All files of a folder, at any depth."""
     if not is_url(folder):
-        return sorted(str(path) for path in Path(folder).rglob("*") if path.is_file())
+        with file_errors(folder):
+            return sorted(str(path) for path in Path(folder).rglob("*") if path.is_file())
     with file_errors(folder):
         fs, name = _file_system(folder)
         return sorted(str(fs.unstrip_protocol(file)) for file in fs.find(name))
