@@ -143,6 +143,8 @@ def test_warnings_of_a_pair_are_in_its_line(run, folder):
 
 
 REFUSED = {
+    "call,pairs,noise,noise\nregister-pairs,a.npy,1,2": "pairs.csv, line 1: names the column 'noise' twice; keep one",
+    "call,pairs,max-samples,max_samples\nregister-pairs,a.npy,1,2": "line 1: names the column 'max_samples' twice",
     "call,pairs,nois\nregister-pairs,a.npy,1": "pairs.csv, line 2: there is no column 'nois'; the columns are name,",
     "call,pairs\nregister-pairs,a.npy\nregister,b.npy": "line 3: the call 'register' is none of relative-pose,",
     "pairs\na.npy": "line 2: names no call: fill the column 'call', or give --call",

@@ -145,6 +145,9 @@ def _csv_rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = csv.DictReader(file, restval="")
         try:
+            names = [name.strip().replace("-", "_") for name in rows.fieldnames or ()]
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise ValueError(f"{path}, line 1: names the column {twice[0]!r} twice; keep one of them")
             for row in rows:
                 if None in row:
                     raise ValueError(f"{path}, line {rows.line_num}: has more cells than the header has names")
