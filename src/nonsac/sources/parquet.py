@@ -83,11 +83,11 @@ class ParquetSource(BlockSource):
         expected = int(self.block_starts[block + 1] - self.block_starts[block])
         rows = np.empty((expected, self.width))
         with _opened(path) as opened:
-            table = opened.read_block(block - int(self._first_blocks[file]), self.names)
-            if table.num_rows != expected:
-                raise changed(path)
-            for place, name in enumerate(self.names):
-                rows[:, place] = table.column(name).to_numpy()
+            for place, name in enumerate(self.names):  # one at a time: Arrow holds what it reads and what it decodes
+                column = opened.read_block(block - int(self._first_blocks[file]), [name]).column(name)
+                if len(column) != expected:
+                    raise changed(path)
+                rows[:, place] = column.to_numpy()
         self._check_unchanged(file)
         return rows
 
