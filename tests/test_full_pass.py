@@ -9,7 +9,7 @@ import pytest
 import naive
 import nonsac
 from nonsac import simulate
-from nonsac.full_pass import SumTask, first_pass, fitted_to_all, piece_bounds
+from nonsac.full_pass import SumTask, _at_work, first_pass, fitted_to_all, piece_bounds
 from nonsac.mixture import Mixture
 from nonsac.noise import measured_noise
 from nonsac.problems import AbsolutePose, Registration, RelativePose, Weighted, residual_dimension
@@ -291,3 +291,24 @@ def test_inliers_are_written_without_reading_all_rows_at_once(rng, tmp_path):
     result.write_inliers(tmp_path / "inliers.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "inliers.npy"), result.inliers)
     assert result.inliers.sum() == result.num_inliers
+
+
+def test_a_fit_that_is_late_stays_as_it_is_and_says_so(rng):
+    problem, rows, model, noise = rows_of("registration", 20_000, 0.5, rng)
+    start, late = trusted(problem, ArraySource(rows), model, noise), iter([False, True])
+    result = fitted_to_all(start, 1, is_late=lambda: next(late))
+    assert result.info["remarks"] == ("not fitted to all rows: the time was over",)
+    np.testing.assert_array_equal(result.T, start.T)
+
+
+def test_a_time_limit_holds_for_the_passes(rng):
+    pairs = simulate.registration(50_000, 0.5, 0.01, rng)
+    result = nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, refine="full", time_limit=1e-9)
+    assert result.success
+    assert "not fitted to all rows: the time was over" in result.info["remarks"]
+
+
+@pytest.mark.parametrize(("limit", "threads"), [(None, 8), (10**9, 8), (400 * 10**6, 2), (1, 1)])
+def test_workers_are_fewer_where_blocks_would_not_fit(limit, threads):
+    source = Blocks((0, 10**6, 2 * 10**6))  # 144 MB each while it is read
+    assert _at_work(source, 8, limit) == (6 if limit == 10**9 else threads)

@@ -13,7 +13,7 @@ from nonsac.sources.blocks import BlockSource
 @pytest.mark.parametrize(
     ("text", "expected"),
     [(1000, 1000), (2.5e6, 2_500_000), ("500", 500), ("500 MB", 5 * 10**8), ("2GiB", 2**31), (" 1.5 gb ", 15 * 10**8),
-     ("3k", 3000), ("1e3 B", 1000)],
+     ("3k", 3000), ("1e3 B", 1000), ("1e+9", 10**9), (np.int64(7), 7)],
 )  # fmt: skip
 def test_bytes_in_numbers_and_words(text, expected):
     assert bytes_of(text) == expected
@@ -36,7 +36,7 @@ class Blocks(BlockSource):
         self.read.append(block)
         rng = np.random.default_rng(block)
         source = rng.random((int(np.diff(self.block_starts)[block]), 3))
-        return np.hstack([source, source + 0.01 * rng.standard_normal(source.shape)])
+        return np.hstack([source, source + 0.01 * rng.standard_normal(source.shape)])[:, : self.width]
 
 
 @pytest.mark.parametrize("source", [ArraySource(np.zeros((10, 4))), Blocks()], ids=["array", "blocks"])
@@ -99,6 +99,24 @@ def test_blocks_are_read_once_for_all_samples():
         plain, nonsac.Registration(), nonsac.Pcr99.for_pairs(), noise=0.01, samples=8, refine="polish"
     )
     np.testing.assert_array_equal(result.T, same.T)
+
+
+def test_a_round_of_samples_is_read_in_one_go():
+    """Beyond what is read ahead in the beginning."""
+    source = Blocks()
+    result = nonsac.estimate(
+        source, nonsac.Registration(), nonsac.Pcr99.for_pairs(), noise=0.01, samples=12, sample_size=20_000
+    )
+    assert len(result.hypotheses) == 12
+    assert len(source.read) == 8 * 2
+
+
+def test_pairs_of_blocks_are_read_in_one_go():
+    a, b = Blocks(2000, 500, 3), Blocks(3000, 500, 3)
+    pairs = nonsac.AllPairsSource(a, b)
+    nonsac.estimate(pairs, nonsac.Registration(), nonsac.Pcr99(), noise=0.01, samples=6, sample_size=5000)
+    assert sorted(a.read) == list(range(4))
+    assert sorted(b.read) == list(range(6))
 
 
 def test_all_rows_take_a_reading_for_each_pass():

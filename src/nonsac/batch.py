@@ -10,6 +10,8 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
+from os import PathLike
+from pathlib import Path
 from typing import Any, TypeVar
 
 from nonsac import api, poses
@@ -17,6 +19,7 @@ from nonsac.executors import Workers, parsed, width_of
 from nonsac.processes import CannotStart, WorkerDied, WorkerProcesses
 from nonsac.result import Result
 from nonsac.sampling import canonical_seed
+from nonsac.sources.open import open_source
 
 __all__ = ["Job", "WorkerDied", "estimate_many"]
 
@@ -32,6 +35,7 @@ _CALLS: dict[str, Callable[..., Result]] = {
 }
 _IMAGES = {"relative_pose": ("image1", "image2"), "absolute_pose": ("image",)}
 _SET_HERE = ("workers", "progress")
+_TABLES, _LARGE = (".npy", ".parquet"), 64_000_000  # bytes
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -257,6 +261,8 @@ def _read(call: str, paths: tuple[Any, ...], settings: dict[str, Any]) -> tuple[
     images = [settings.pop(name, None) for name in _IMAGES.get(call, ())]
     if call == "register_clouds":
         return tuple(map(io.read_cloud, paths))
+    if len(paths) == 1 and _is_large_table(paths[0]):
+        return (open_source(paths[0]),)
     if call == "register_pairs":
         return io.read_pairs(*paths)
     if call == "absolute_pose":
@@ -266,6 +272,11 @@ def _read(call: str, paths: tuple[Any, ...], settings: dict[str, Any]) -> tuple[
     matches = io.read_hloc(*paths, *images) if len(paths) == 2 else io.read_matches(*paths, *images)
     _fill(settings, weights=matches.weights, camera1=matches.camera1, camera2=matches.camera2)
     return matches.points1, matches.points2
+
+
+def _is_large_table(path: str | PathLike[str]) -> bool:
+    """Whether a table is read in pieces, as the commands do; a file that is not there is the readers' to refuse."""
+    return Path(path).suffix.lower() in _TABLES and os.path.isfile(path) and os.path.getsize(path) > _LARGE
 
 
 def _fill(settings: dict[str, Any], **found: Any) -> None:

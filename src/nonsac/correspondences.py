@@ -91,6 +91,8 @@ def rows_of_source(source: Source, columns: Columns, name: str, **others: object
 def pick_columns(source: Source, columns: Columns) -> Source:
     """The source with the columns of these names, and the weight, if it has them; else as it is, if it fits.
 
+    As it is, too, where `open_source` was told which columns to take: their order is that of the user.
+
     Raises
     ------
     ValueError
@@ -98,7 +100,8 @@ def pick_columns(source: Source, columns: Columns) -> Source:
         says how many, and which.
     """
     names, width = tuple(getattr(source, "names", None) or ()), len(columns.names)
-    places = [_place(name, names) for name in columns.names]
+    given = getattr(source, "columns_given", False)
+    places = [None if given else _place(name, names) for name in columns.names]
     chosen = [names[place] for place in places if place is not None]
     if len(chosen) == width:
         return _with_columns(source, [*chosen, WEIGHT] if WEIGHT in names else chosen)

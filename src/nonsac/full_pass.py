@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.executors import Workers, are_elsewhere, ordered_map
+from nonsac.executors import Workers, are_elsewhere, cores, ordered_map, parsed
+from nonsac.memory import bytes_of_block
 from nonsac.mixture import Mixture
 from nonsac.noise import measured_noise
 from nonsac.problems import residual_dimension
@@ -62,37 +64,39 @@ class SumTask:
             rows = rows[self.problem.row_weights(rows) > 0.0]
         equations, residuals = self.problem.normal_equations(self.model, rows, self.weigher, self.pivot)
         inliers = int(np.count_nonzero(residuals < self.threshold))
-        return Sums(equations, inliers, _count_finite(rows, residuals))
+        return Sums(equations, inliers, _count_finite(rows))
 
 
-def _count_finite(rows: Array, residuals: Array) -> int:
-    """How many rows are finite; only those whose residual is not are looked at, which are few."""
-    if np.isfinite(residuals.sum()):
-        return len(rows)
-    suspects = rows[~np.isfinite(residuals)]
-    return len(rows) - int(np.count_nonzero(~np.isfinite(suspects).all(axis=1)))
+def _count_finite(rows: Array) -> int:
+    """How many rows are finite; where their sum is, all are."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        all_finite = np.isfinite(rows.sum())
+    return len(rows) if all_finite else int(np.count_nonzero(np.isfinite(rows).all(axis=1)))
 
 
-def fitted_to_all(result: Result, workers: Workers) -> Result:
+def fitted_to_all(
+    result: Result, workers: Workers, is_late: Callable[[], bool] = lambda: False, max_memory: int | None = None
+) -> Result:
     """A trusted answer fitted to all rows of its source, by Newton's method on the likelihood of a `Mixture`.
 
     Each step is one pass over the source, in which every worker sums the normal equations of its pieces; from an
     answer fitted to thousands of rows it takes two or three. The noise and the share of inliers are those of some
-    sampled rows. Neither the pieces nor the order in which their sums are added depend on the workers.
+    sampled rows. Neither the pieces nor the order in which their sums are added depend on the workers. Where it is
+    late before a pass has ended the fit, or the rows do not allow one, the answer stays, and a remark says so.
     """
-    begun = time.perf_counter()
-    task = first_pass(result) if result.status in (Status.OK, Status.AMBIGUOUS) else None
-    if task is None:
+    if result.status not in (Status.OK, Status.AMBIGUOUS):
         return result
-    if isinstance(task.source, HeldSource):  # workers read the file where they are
-        task = replace(task, source=task.source.source)
-    if getattr(task.source, "in_memory", False) and are_elsewhere(workers):
-        workers = None  # sending the rows would take longer than summing them here
+    begun, task = time.perf_counter(), first_pass(result)
+    if task is None:
+        return _not_fitted(result, "they have no noise")
+    workers = _at_work(task.source, workers, max_memory)
     for number in range(_MOST_PASSES):
+        if is_late():
+            return _not_fitted(result, "the time was over")
         sums = reduce(add, ordered_map(task, len(task.bounds) - 1, workers))
         step = sums.equations.step()
         if not np.isfinite(step).all():
-            return result
+            return _not_fitted(result, "they do not determine a step")
         errors = np.sqrt(max(float(step @ sums.equations.hessian @ step), 0.0)) / task.weigher.noise
         if errors < _SETTLED or number == _MOST_PASSES - 1:
             break
@@ -111,11 +115,28 @@ def fitted_to_all(result: Result, workers: Workers) -> Result:
     )
 
 
+def _not_fitted(result: Result, reason: str) -> Result:
+    remarks = (*result.info.get("remarks", ()), f"not fitted to all rows: {reason}")
+    return replace(result, info=result.info | {"remarks": remarks})
+
+
+def _at_work(source: Source, workers: Workers, max_memory: int | None) -> Workers:
+    """The workers, or fewer: sending rows would take longer than summing them here, and each has a block in memory."""
+    pool = parsed(workers)
+    if getattr(source, "in_memory", False) and are_elsewhere(workers):
+        pool = cores()
+    if max_memory is not None and isinstance(pool, int):
+        pool = max(1, min(pool, max_memory // max(bytes_of_block(source), 1)))
+    return pool
+
+
 def first_pass(result: Result) -> SumTask | None:
     """The first pass; None where the rows have no noise, so that there is nothing to gain."""
     assert result.evidence is not None
     source, problem, model = result.evidence.source, result.evidence.problem, result.T[:3]
     sampled = source.take(union_rows(len(source), 0, result.info["seed"], _SAMPLED))
+    if isinstance(source, HeldSource):  # workers read the file where they are
+        source = source.source
     sampled = sampled[np.isfinite(sampled).all(axis=1)]
     residuals = Residuals.of(problem, model, sampled)
     noise = min(measured_noise(residuals, result.threshold, residual_dimension(problem)), result.threshold / 5.0)

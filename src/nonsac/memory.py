@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 import sys
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 _FACTORS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "KI": 2**10, "MI": 2**20, "GI": 2**30, "TI": 2**40}
-_PATTERN = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]I?)?B?\s*", re.IGNORECASE)
+_PATTERN = re.compile(r"\s*([0-9.]+(?:e[+]?[0-9]+)?)\s*([KMGT]I?)?B?\s*", re.IGNORECASE)
 
 _FIXED = 6 * 10**6
 _TIMES = 10  # numbers that are held, at the peak, for each number of the sampled rows: measured, 7 to 9
-_BLOCKS = 2  # one is decoded from the other
+_BLOCKS = 3  # what is read, what is decoded from it, and the rows as they are wanted
 
 
 def bytes_of(text: object, name: str = "max_memory") -> int:
@@ -28,8 +29,8 @@ def bytes_of(text: object, name: str = "max_memory") -> int:
     try:
         if match:
             text = float(match[1]) * _FACTORS[(match[2] or "").upper()]
-        if isinstance(text, (int, float)) and not isinstance(text, bool) and 0 < text < 2**62:
-            return int(text)
+        if isinstance(text, Real) and not isinstance(text, bool) and 0.0 < float(text) < 2.0**62:
+            return int(float(text))
     except ValueError:  # 1.2.3
         pass
     raise ValueError(f'{name} must be a positive number of bytes, or words such as "500 MB", got {text!r}')
@@ -42,8 +43,13 @@ def rows_within(max_memory: int, source: Any) -> int:
 
 def bytes_for(rows: int, source: Any) -> int:
     """How many bytes an estimate from so many sampled rows takes at its peak, about."""
+    return _FIXED + bytes_of_block(source) + 8 * source.width * _TIMES * rows
+
+
+def bytes_of_block(source: Any) -> int:
+    """How many bytes the reading of a block takes at its peak, where rows come in blocks, and for each worker."""
     block = int(np.diff(getattr(source, "block_starts", (0, 0))).max(initial=0))
-    return _FIXED + 8 * source.width * (_BLOCKS * block + _TIMES * rows)
+    return _BLOCKS * 8 * source.width * block
 
 
 def peak_memory() -> int | None:

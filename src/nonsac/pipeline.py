@@ -135,8 +135,9 @@ def estimate(
             Status.TOO_FEW, float("nan") if noise is None else noise, info, evidence=Evidence(source, problem)
         )
     result = method.run(float(noise)) if noise is not None else _run_with_measured_noise(method, estimator)
-    if getattr(refiner, "all_rows", False) and not search.is_late():
-        result = fitted_to_all(result, workers)
+    if getattr(refiner, "all_rows", False):
+        bound = None if max_memory is None else bytes_of(max_memory)
+        result = fitted_to_all(result, workers, search.is_late, bound)
     return replace(result, info=result.info | {"peak_memory": peak_memory()})
 
 
@@ -318,10 +319,10 @@ def _work(
         most = min(most, max(_FIRST_ROUND, _MOST_PASSES * len(source) // max(size, 1)))
     needed = min(size, len(source)) * (min(most, _FIRST_ROUND) if automatic else most)
     if needed > room or size < problem.minimal_size:
-        least = bytes_for(max(needed, _FIRST_ROUND * problem.minimal_size), source)
+        needed = max(needed, _FIRST_ROUND * problem.minimal_size)
         raise ValueError(
             f"max_memory is too little for {needed} sampled rows and what reading them takes: at least "
-            f"{least / 1e6:.0f} MB; give more, fewer samples, or a file with smaller row groups or chunks"
+            f"{bytes_for(needed, source) / 1e6:.0f} MB; give more, fewer samples, or a file with smaller row groups"
         )
     return most, size, planned
 

@@ -59,6 +59,13 @@ class SampleTask:
         finite = np.isfinite(drawn).all(axis=1)
         return self._counting(drawn[finite]), len(drawn) - int(np.count_nonzero(finite))
 
+    def read_ahead(self, samples: int) -> None:
+        """Read the rows of the next samples in one go, where the source keeps what it reads."""
+        if samples and hasattr(self.source, "hold"):
+            positions = (self.position(sample) for sample in range(samples))
+            rows = [sample_rows(len(self.source), position, self.sample_size, self.seed) for position in positions]
+            self.source.hold(np.concatenate(rows))
+
     def position(self, sample: int) -> int:
         """Where in the passes over the source a sample begins."""
         return sample_start(len(self.source), self.start, sample, self.sample_size)
@@ -129,6 +136,7 @@ class Search:
         """Estimate in so many further samples, or fewer."""
         count = min(count, self._left())
         before = len(self.hypotheses)
+        self.task.read_ahead(count)
         for hypothesis in ordered_map(self._travelling(), count, self.workers):
             self.hypotheses.append(hypothesis)
             if self.progress is not None:

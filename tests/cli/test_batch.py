@@ -333,3 +333,25 @@ def test_nothing_to_resume_is_said(run, four):
     code, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1", "--resume")
     assert code == 1
     assert said(err)[0] == "nonsac: nothing to resume at out.jsonl.partial: starting anew"
+
+
+def test_memory_and_the_last_fit_are_columns(run, tmp_path, monkeypatch, rng):
+    monkeypatch.chdir(tmp_path)
+    pairs = nonsac.simulate.registration(150_000, 0.5, 0.01, rng)
+    np.save("rows.npy", np.hstack([pairs.source, pairs.target]))
+    monkeypatch.setattr("nonsac.batch._LARGE", 10**6)  # opened as a source
+    lines = ["name,pairs,noise,refine,max_memory", "a,rows.npy,0.01,full,", "b,rows.npy,0.01,polish,16 MB"]
+    (tmp_path / "pairs.csv").write_text("\n".join(lines))
+    code, *_ = run("batch", "pairs.csv", "--call", "register-pairs", "--output", "out.jsonl", "--workers", "1")
+    assert code == 0
+    a, b = map(json.loads, (tmp_path / "out.jsonl").read_text().splitlines())
+    assert a["num_rows"] == 150_000
+    assert 4000 <= b["num_rows"] < 22_000
+    for cell, message in (
+        ("best,", "'best' is not one of union, polish, full, none"),
+        (",lots", "'lots' is no number"),
+    ):
+        (tmp_path / "pairs.csv").write_text(f"{lines[0]}\na,rows.npy,0.01,{cell}")
+        code, _, err = run("batch", "pairs.csv", "--call", "register-pairs", "--output", "new.jsonl")
+        assert code == 2
+        assert message in err

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 import nonsac
+from nonsac.correspondences import MATCHES, pick_columns
 from nonsac.io import InputError
 from nonsac.sources import ArraySource, ParquetSource
 
@@ -188,3 +189,15 @@ def test_what_is_no_table_is_refused(tmp_path):
     np.savez(tmp_path / "odd.npz", x=ROWS, X=ROWS[1:])
     with pytest.raises(InputError, match=r"odd.npz: holds no rows of numbers"):
         nonsac.open_source(tmp_path / "odd.npz")
+
+
+def test_columns_that_were_asked_for_stay_in_their_order(tmp_path):
+    """Also where calls know their names: x2 y2 x1 y1 are the cameras the other way round."""
+    pyarrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    columns = {name: np.arange(6.0) + 10 * place for place, name in enumerate(("x1", "y1", "x2", "y2"))}
+    parquet.write_table(pyarrow.table(columns), tmp_path / "rows.parquet")
+    turned = ["x2", "y2", "x1", "y1"]
+    for chosen, first in ((None, [0, 10, 20, 30]), (turned, [20, 30, 0, 10]), ([2, 3, 0, 1], [20, 30, 0, 10])):
+        source = pick_columns(nonsac.open_source(tmp_path / "rows.parquet", columns=chosen), MATCHES)
+        np.testing.assert_array_equal(source.take(np.array([0]))[0], first)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from nonsac.cli.inputs import image_of
-from nonsac.cli.options import camera_of, count_from, count_of, positive, scale, scale_of
+from nonsac.cli.options import LastFit, camera_of, count_from, count_of, memory, positive, scale, scale_of
 
 if TYPE_CHECKING:
     from nonsac.batch import Job
@@ -43,7 +43,20 @@ def _count(least: int) -> Cell:
     return lambda text: count_of(count_from(least)(text))
 
 
-_SEARCH = {"max_samples": _number(1), "time_limit": _positive, "seed": _number(0)}
+def _last_fit(text: str) -> str:
+    try:
+        return LastFit(text).value
+    except ValueError:
+        raise ValueError(f"{text!r} is not one of {', '.join(LastFit)}") from None
+
+
+_SEARCH: dict[str, Cell | None] = {
+    "max_samples": _number(1),
+    "time_limit": _positive,
+    "max_memory": memory,
+    "refine": _last_fit,
+    "seed": _number(0),
+}
 _PAIR = {"image1": image_of, "image2": image_of, "camera1": None, "camera2": None}
 
 

@@ -20,14 +20,14 @@ def likely_inliers(residuals, noise, odds, dimension, weights, curvatures):
     and evenly spread. `curvatures` are what the second derivative of the loss has for each J^T J, averaged over the
     directions of the residual: w + 2 / d r^2 dw / d(r^2).
     """
-    inverse = 1.0 / (noise * noise)
-    end = 0.01 * inverse
+    inverse, end = 1.0 / (noise * noise), 0.01 / (noise * noise)
+    weights[:] = 0.0
+    curvatures[:] = 0.0
     for i in range(residuals.shape[0]):
+        if not residuals[i] < 10.0 * noise:
+            continue
         square = residuals[i] * residuals[i]
         share = 1.0 - square * end
-        if not share > 0.0:
-            weights[i] = curvatures[i] = 0.0
-            continue
         likely = 1.0 / (1.0 + odds * np.exp(0.5 * square * inverse))
         weight = share * share * likely
         slope = -weight * (2.0 * end / share + 0.5 * inverse * (1.0 - likely))

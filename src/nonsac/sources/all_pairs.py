@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.sources.array import ArraySource
+from nonsac.sources.held import HeldSource
 
 if TYPE_CHECKING:
     from nonsac.sources import Source
@@ -41,6 +42,12 @@ class AllPairsSource:
         first, second = np.divmod(np.asarray(indices, np.int64), len(self.b))
         return np.hstack([self.a.take(first), self.b.take(second)])
 
+    def hold(self, indices: NDArray[np.int64]) -> None:
+        """Read what pairs that will be asked for are made of, where the parts come in blocks."""
+        for part, places in zip((self.a, self.b), np.divmod(np.asarray(indices, np.int64), len(self.b)), strict=True):
+            if isinstance(part, HeldSource):
+                part.hold(places)
+
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
         stop = len(self) if stop is None else min(stop, len(self))
         for first in range(start, stop, rows):
@@ -48,4 +55,6 @@ class AllPairsSource:
 
 
 def _source(rows: Any) -> Source:
-    return rows if hasattr(rows, "take") and hasattr(rows, "chunks") and hasattr(rows, "width") else ArraySource(rows)
+    if not (hasattr(rows, "take") and hasattr(rows, "chunks") and hasattr(rows, "width")):
+        return ArraySource(rows)
+    return HeldSource(rows) if hasattr(rows, "block_starts") else rows

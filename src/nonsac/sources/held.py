@@ -42,12 +42,20 @@ class HeldSource:
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         wanted = np.asarray(indices, np.int64)
         with self._lock:
-            missing = np.setdiff1d(wanted, self._indices)
-            if len(missing):
-                places = np.searchsorted(self._indices, missing)
-                self._rows = np.insert(self._rows, places, self.source.take(missing), axis=0)
-                self._indices = np.insert(self._indices, places, missing)
+            self._read(wanted)
             return self._rows[np.searchsorted(self._indices, wanted)]
+
+    def hold(self, indices: NDArray[np.int64]) -> None:
+        """Read rows that will be asked for."""
+        with self._lock:
+            self._read(np.asarray(indices, np.int64))
+
+    def _read(self, wanted: NDArray[np.int64]) -> None:
+        missing = np.setdiff1d(wanted, self._indices)
+        if len(missing):
+            places = np.searchsorted(self._indices, missing)
+            self._rows = np.insert(self._rows, places, self.source.take(missing), axis=0)
+            self._indices = np.insert(self._indices, places, missing)
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
         return self.source.chunks(rows, start, stop)

@@ -62,6 +62,13 @@ def open_source(path: FilePath | Sequence[FilePath], *, columns: Columns = None,
     InputError
         Where there is no such file, its kind is unknown or unfit, or it lacks what was asked for.
     """
+    source = _opened(path, columns, dataset)
+    if columns is not None:  # they are what their places say, whatever their names
+        source.columns_given = True  # type: ignore[attr-defined]
+    return source
+
+
+def _opened(path: FilePath | Sequence[FilePath], columns: Columns, dataset: str | None) -> Source:
     if not isinstance(path, (str, os.PathLike)):
         return _open_parquet(path, columns)
     name = os.fspath(path)
