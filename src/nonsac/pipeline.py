@@ -86,8 +86,9 @@ def estimate(
     max_samples : int
         Where samples="auto" gives up.
     time_limit : float, optional
-        Seconds after which no further sample is begun; one that has begun is finished. Where that left samples undrawn
-        and no answer is supported, the status is `TIME_LIMIT`. The same input may then give another answer.
+        Seconds after which no further sample, or pass over all rows, is begun; one that has begun is finished. Where
+        that left samples undrawn and no answer is supported, the status is `TIME_LIMIT`. The same input may then give
+        another answer.
     max_memory : int or str, optional
         Bytes, or words such as "500 MB", that the estimate may take beside what this process holds: bounds how many
         rows are sampled (with "auto"), and the rows of the last fit. Without it 100 samples of 2,000 rows take 60 MB.

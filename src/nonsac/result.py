@@ -166,7 +166,7 @@ class Result:
         where too few inliers are left to tell the noise (relative poses: seven or fewer).
     info : dict
         `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, `remarks` on special
-        cases such as "planar", ...
+        cases such as "planar", `passes` over all rows with refine="full", `peak_memory` of the process in bytes, ...
     evidence : Evidence or None
         Where `residuals` and `inliers` come from; None for raw clouds, which have no rows.
     """
