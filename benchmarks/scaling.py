@@ -71,8 +71,11 @@ def parse() -> argparse.Namespace:
 
 
 def scaled(folder: Path, problem: str, options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """All methods on files of all sizes."""
+    """All methods on files of all sizes, once a process has compiled the kernels."""
     failed: set[str] = set()
+    T = nonsac.simulate.to_file(folder / "first.npy", problem, 10**4, *OUTLIERS[problem], rng=0)
+    for method in ("polish", "full"):
+        run(Case(problem, method, str(folder / "first.npy"), 10**4, 1), T, 10.0 * options.limit)
     for rows in options.sizes:
         for suffix in ("npy", "parquet"):
             path = folder / f"rows.{suffix}"
