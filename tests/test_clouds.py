@@ -12,7 +12,7 @@ import nonsac
 from nonsac.clouds import Agreement, CommonFrame, align_coinciding, align_finely
 from nonsac.evaluation import rotation_error
 from nonsac.io import read_cloud
-from nonsac.overlap import distinct, inverse
+from nonsac.overlap import Overlap, distinct, inverse
 from nonsac.problems import OrientedRegistration
 from nonsac.result import Hypothesis, Status
 from nonsac.surfaces import LocalPlanes, Surface, thin_to, voxel_for, without_clutter
@@ -350,6 +350,25 @@ class TestParts:
         exact = align_coinciding(points, move(points[100:], T), start)
         np.testing.assert_allclose(exact, T[:3], atol=1e-6)
         np.testing.assert_array_equal(align_coinciding(points, move(bumpy(500, rng), T), start), start)
+
+    def test_support_falls_with_the_distance_to_the_surface(self, rng):
+        points, up = np.column_stack([rng.uniform(-1, 1, (4000, 2)), np.zeros(4000)]), np.array([0.0, 0.0, 1.0])
+        sheet = Surface(points, np.tile(up, (4000, 1)), np.arange(4000), 0.05, noisy=False, thin=True)
+        overlap = Overlap.between(sheet, sheet, 0.2, 0.02)
+        for height in (0.0, 0.02, 0.04, 0.06):
+            model = np.column_stack([np.eye(3), height * up])
+            weight = max(0.0, 1.0 - (height / 0.05) ** 2) ** 2
+            assert overlap.support(model) == pytest.approx(8000 * weight, rel=0.02, abs=1.0)
+            assert overlap.agreement(model) == pytest.approx(weight, abs=0.02)
+
+    def test_surfaces_that_cross_do_not_agree(self, rng):
+        points = np.column_stack([rng.uniform(-1, 1, (4000, 2)), np.zeros(4000)])
+        sheet = Surface(points, np.tile([0.0, 0.0, 1.0], (4000, 1)), np.arange(4000), 0.05, noisy=False, thin=True)
+        overlap = Overlap.between(sheet, sheet, 0.2, 0.02)
+        for degrees, (least, most) in {0: (0.99, 1.0), 10: (0.1, 0.35), 45: (0.0, 0.0)}.items():
+            turn = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
+            assert least <= overlap.agreement(np.column_stack([turn, np.zeros(3)])) <= most
+        assert overlap.agreement(np.column_stack([np.eye(3), np.full(3, 9.0)])) == 0.0
 
     def test_fine_alignment(self, rng):
         T = motion(rng)

@@ -131,10 +131,14 @@ class SurfaceRefiner:
     ) -> Refinement:
         fine = dense_overlap(self.coarse)
         models, supports = self._compared(fine, self._distinct_answers(hypotheses))
-        best = self._finished(fine, models[0], int(supports[0]))
+        best = self._finished(fine, models[0], supports[0])
         distances = fine.surface_distances(best)
-        distances, total = distances[np.isfinite(distances)], len(distances)
-        verdict = judge_overlap(len(distances), supports[1:], total, fine.source.thin and fine.target.thin)
+        inside = np.isfinite(distances)
+        shares = [float(half.mean()) for half in np.split(inside, [len(fine.source.coarse)])]
+        verdict = judge_overlap(
+            shares, fine.agreement(best), fine.support(best), supports[1:], fine.source.thin and fine.target.thin
+        )
+        distances, total = distances[inside], len(distances)
         return Refinement(
             best,
             verdict.status,
@@ -142,8 +146,8 @@ class SurfaceRefiner:
             num_inliers=len(distances),
             num_rows=total,
             alternatives=tuple(
-                Alternative(homogeneous(model), float(support) / total)
-                for model, support in zip(models[1:4], supports[1:4], strict=True)
+                Alternative(homogeneous(model), float(np.isfinite(fine.surface_distances(model)).mean()))
+                for model in models[1:4]
             ),
             noise=1.4826 * float(np.median(distances)) if len(distances) else float("nan"),
             threshold=fine.reach,
@@ -166,7 +170,7 @@ class SurfaceRefiner:
         models = models[np.argsort(costs, kind="stable")]
         return models[distinct(models, SAME_ANGLE, self.coarse.reach)[: self.candidates]]
 
-    def _finished(self, fine: Overlap, model: Array, support: int) -> Array:
+    def _finished(self, fine: Overlap, model: Array, support: float) -> Array:
         """The winner after a fine alignment, unless that lost support."""
         if fine.source.noisy or fine.target.noisy:
             finished = align_finely(fine.source.points, fine.target.points, model, 0.5 * fine.reach)

@@ -79,7 +79,7 @@ class Overlap:
         In the surface are points with a neighbour within `reach`, its plane within a quarter of that, and the same
         normal up to sign and 26 degrees.
         """
-        flat, cosine = 0.25 * self.reach, 0.9
+        flat, cosine = self._flat, 0.9
         source, target = self.source, self.target
         return np.concatenate(
             [
@@ -92,9 +92,23 @@ class Overlap:
             ]
         )
 
-    def support(self, model: Array) -> int:
-        """How many coarse points of both clouds lie in the other's surface."""
-        return int(np.isfinite(self.surface_distances(model)).sum())
+    def support(self, model: Array) -> float:
+        """How many coarse points of both clouds lie in the other's surface, by Tukey's weights of their distances.
+
+        Under the right motion the distances keep to the noise; by coincidence they are spread over all that is allowed.
+        """
+        distances = self.surface_distances(model)
+        ratios = distances[np.isfinite(distances)] / self._flat
+        return float(((1.0 - ratios**2) ** 2).sum())
+
+    def agreement(self, model: Array) -> float:
+        """Mean weight of the points that come within `reach` of the other cloud, 0 for those outside its surface."""
+        near = int((self.residuals(model) < self.reach).sum())
+        return self.support(model) / max(near, 1)
+
+    @property
+    def _flat(self) -> float:
+        return 0.25 * self.reach
 
     def _scores(self, models: Array, points: Array) -> np.ndarray:
         field = self.target_field
