@@ -111,6 +111,8 @@ def test_options_are_passed_on(table, points, monkeypatch, run):
         "sample_size": 50,
         "max_samples": 9,
         "time_limit": 60.0,
+        "max_memory": "1 GB",
+        "refine": "full",
         "seed": 5,
         "workers": 1,
     }

@@ -153,6 +153,8 @@ def test_options_are_passed_on(table, views, monkeypatch, run):
         "sample_size": 50,
         "max_samples": 9,
         "time_limit": 60.0,
+        "max_memory": "1 GB",
+        "refine": "full",
         "seed": 5,
         "workers": 1,
     }

@@ -14,6 +14,7 @@ import numpy as np
 from nonsac.kernels._jit import kernel
 
 LANES = 16
+_TINY = 1e-300
 # The most roots of all lanes together.
 ROOTS = 10 * LANES
 
@@ -124,6 +125,8 @@ def _divide(upper, lower, quotient):
         for i in range(2, 11):
             remainder = b * lower[LANES * (i - 1) + s] + a * lower[LANES * i + s] - upper[LANES * i + s]
             upper[LANES * (i - 2) + s] = remainder
+        if upper[s] == 0.0:  # a double root, to the last bit: two roots as near as numbers can be
+            upper[s] = _TINY
         c = abs(upper[s])
         scale = 1.0 / c
         for i in range(9):
