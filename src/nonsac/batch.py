@@ -127,9 +127,10 @@ def estimate_many(
     jobs : iterable of Job
         May be a generator: jobs are taken from it as they are needed, at most two for each worker ahead of what was
         given back, so that their number does not matter.
-    workers : None, int or concurrent.futures.Executor
-        One process for each core, this many processes, or an executor (a Dask client's `get_executor()`, too). With 1,
-        all runs in the calling process. A script that uses processes needs `if __name__ == "__main__":`.
+    workers : None, int, concurrent.futures.Executor, Dask client or str
+        One process for each core, this many processes, or an executor; a Dask client, "dask" or a scheduler's address
+        as for the calls. With 1, all runs in the calling process. A script that uses processes needs
+        `if __name__ == "__main__":`.
     time_limit : float, optional
         Seconds for each job, handed on to the calls that take it: all but `register_clouds`.
     progress : callable, optional
@@ -148,9 +149,9 @@ def estimate_many(
     ValueError, TypeError
         Where `workers` is not as above, or something else than a job comes.
     """
-    _check_workers(workers)
+    pool = parsed(workers)  # at once, and not when the first outcome is asked for
     total = len(jobs) if isinstance(jobs, Sized) else None
-    return _counted(run_many(_Run(time_limit), jobs, workers), total, progress)
+    return _counted(run_many(_Run(time_limit), jobs, pool), total, progress)
 
 
 @cache
@@ -232,13 +233,6 @@ def _counted(
         if progress is not None:
             progress(done, total)
         yield outcome
-
-
-def _check_workers(workers: Workers) -> None:
-    if workers is None or isinstance(workers, Executor):
-        return
-    if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
-        raise ValueError(f"workers must be None, a positive integer or an Executor, got {workers!r}")
 
 
 def _checked(job: Job) -> Job:

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from io import StringIO
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from nonsac import cli
 from nonsac.reproduce import summaries, table2
 from nonsac.reproduce.cells import RULES, Trial
 from nonsac.reproduce.experiments import EXPERIMENTS
+from waiting import wait_until
 
 SHORT = ["--problem", "registration", "--trials", "2", "--samples", "2", "3", "--quiet"]
 
@@ -118,14 +118,6 @@ def pool_of(parent):
     """The processes of its pool."""
     children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
     return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
-
-
-def wait_until(happened, process=None):
-    deadline = time.monotonic() + 120
-    while not happened():
-        assert time.monotonic() < deadline
-        assert process is None or process.poll() is None
-        time.sleep(0.01)
 
 
 def group_lives(group):
