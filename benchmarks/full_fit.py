@@ -25,7 +25,7 @@ from scaling_methods import poselib_refit
 
 import nonsac
 from nonsac.evaluation import rotation_error
-from nonsac.full_pass import first_pass, fitted_to_all
+from nonsac.method.full_pass import first_pass, fitted_to_all
 
 Array = NDArray[np.float64]
 

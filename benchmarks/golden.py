@@ -106,8 +106,11 @@ def _pipeline() -> Iterator[tuple[str, Call]]:
     matches = nonsac.ArraySource(np.hstack([two.points1, two.points2]))
     cores = {"for pairs": nonsac.Pcr99.for_pairs(), "ransac": nonsac.Ransac(500), "published": nonsac.Pcr99()}
     for name, core in cores.items():
-        yield f"estimate, {name}", lambda core=core: nonsac.estimate(
-            source, nonsac.Registration(), core, noise=0.01, samples=5, sample_size=1000
+        yield (
+            f"estimate, {name}",
+            lambda core=core: nonsac.estimate(
+                source, nonsac.Registration(), core, noise=0.01, samples=5, sample_size=1000
+            ),
         )
     for rule in ("fixed", "most_inliers", "closest_triplet", "minimum_q3", "tlp_2"):
         yield f"estimate, {rule}", lambda rule=rule: nonsac.estimate(
@@ -146,8 +149,9 @@ def _real() -> Iterator[tuple[str, Call]]:
         good = d["ratio"] < 0.85
         both = d["x1"][good], d["x2"][good]
         for noise in (None, 0.5):
-            yield f"{path.stem}, {noise}", lambda both=both, d=d, noise=noise: nonsac.relative_pose(
-                *both, d["K1"], d["K2"], noise=noise
+            yield (
+                f"{path.stem}, {noise}",
+                lambda both=both, d=d, noise=noise: nonsac.relative_pose(*both, d["K1"], d["K2"], noise=noise),
             )
     for path in sorted((DATA / "strecha").glob("pnp_*.npz"))[:2]:
         d = np.load(path)

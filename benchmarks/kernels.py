@@ -13,15 +13,16 @@ from pathlib import Path
 import numpy as np
 from common import RESULTS, median, write
 
-from nonsac.clouds import CommonFrame, coarse_overlap
-from nonsac.estimators import OrientedPairs
+from nonsac.clouds.frame import CommonFrame
+from nonsac.clouds.overlap import Overlap
+from nonsac.clouds.problem import OrientedRegistration
+from nonsac.clouds.refine import coarse_overlap
+from nonsac.clouds.search import OrientedPairs
+from nonsac.clouds.surfaces import Surface
 from nonsac.kernels.consistency import count_consistent_distances
 from nonsac.kernels.nearest_field import score_models
-from nonsac.overlap import Overlap
-from nonsac.problems import OrientedRegistration
 from nonsac.simulate import demo_scans, random_rotation, registration
 from nonsac.sources import AllPairsSource
-from nonsac.surfaces import Surface
 
 ROWS = 2000
 MODELS = 20_000

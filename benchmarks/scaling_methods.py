@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pairs import kiss_solve
 
 import nonsac
-from nonsac.problems import Problem
+from nonsac.problems.contract import Problem
 
 Array = NDArray[np.float64]
 

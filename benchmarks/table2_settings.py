@@ -19,8 +19,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from nonsac.estimators import Estimator, Pcr99, Ransac
-from nonsac.problems import Problem
+from nonsac.estimators import Pcr99, Ransac
+from nonsac.estimators.contract import Estimator
+from nonsac.problems.contract import Problem
 from nonsac.reproduce import summaries
 from nonsac.reproduce.cells import Cell, Trial
 from nonsac.reproduce.experiments import EXPERIMENTS, Experiment

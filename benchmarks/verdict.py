@@ -28,15 +28,15 @@ from typing import Any
 
 import numpy as np
 import verdict_page
-from clouds import DATA, Condition, Trial, turn_about
 from common import RESULTS, commit, say, write
 
 import nonsac
+from clouds import DATA, Condition, Trial, turn_about
 from nonsac.evaluation import rotation_error
-from nonsac.executors import Workers, ordered_map
 from nonsac.io import read_cloud
 from nonsac.reproduce.experiments import EXPERIMENTS
 from nonsac.result import Array, Result
+from nonsac.running.executors import Workers, ordered_map
 from nonsac.simulate import demo_scans, random_rotation
 
 JSON = RESULTS / "verdict.json"

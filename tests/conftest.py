@@ -1,18 +1,31 @@
 """Fixtures shared by all tests."""
 
+import hashlib
 import os
-import shutil
 import tempfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
-# Before nonsac is imported: numba's disk cache does not see edits in other files, so every run compiles afresh.
-_NUMBA_CACHE = tempfile.mkdtemp(prefix="nonsac-numba-")
-os.environ["NUMBA_CACHE_DIR"] = _NUMBA_CACHE
+_SRC = Path(__file__).resolve().parents[1] / "src" / "nonsac"
+
+
+def _numba_cache() -> str:
+    """A folder for compiled kernels that is named by the source: numba itself does not see edits in other files."""
+    digest = hashlib.sha256()
+    for path in sorted(_SRC.rglob("*.py")):
+        digest.update(str(path.relative_to(_SRC)).encode() + path.read_bytes())
+    folder = Path(os.environ.get("NONSAC_TEST_CACHE", tempfile.gettempdir()))
+    return str(folder / f"nonsac-tests-{os.getuid()}-{digest.hexdigest()[:16]}")
+
+
+os.environ["NUMBA_CACHE_DIR"] = _numba_cache()  # before nonsac is imported
 
 import hypothesis  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+
+import nonsac  # noqa: E402
 
 # The first example compiles a kernel, so no deadline; the same examples in every run.
 hypothesis.settings.register_profile("nonsac", deadline=None, derandomize=True, database=None)
@@ -23,10 +36,6 @@ _DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--seed", type=int, default=0, help="varies the random numbers of all tests (default 0)")
-
-
-def pytest_unconfigure() -> None:
-    shutil.rmtree(_NUMBA_CACHE, ignore_errors=True)
 
 
 @pytest.fixture
@@ -44,3 +53,31 @@ def data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data: {folder} is missing; set NONSAC_DATA to its folder")
     return folder
+
+
+@pytest.fixture
+def make_file(tmp_path: Path) -> Callable[[str, bytes | str], Path]:
+    """Write a file of given content byte by byte and return its path."""
+
+    def make(name: str, content: bytes | str) -> Path:
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return make
+
+
+@pytest.fixture
+def refused() -> Callable[..., str]:
+    """Call a function that has to raise a one-line InputError naming the file, and return the message."""
+
+    def call(function: Callable[..., object], path: object, *rest: object) -> str:
+        with pytest.raises(nonsac.InputError) as caught:
+            function(path, *rest)
+        message = str(caught.value)
+        assert "\n" not in message
+        assert message.startswith(f"{path}: ")
+        assert "; " in message
+        return message
+
+    return call

@@ -7,15 +7,20 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nonsac import evaluation, scoring, simulate
-    from nonsac.api import register_clouds, register_pairs
-    from nonsac.batch import Job, WorkerDied, estimate_many
-    from nonsac.camera import Camera
-    from nonsac.estimators import OrientedPairs, Pcr99, Ransac
-    from nonsac.pipeline import estimate
-    from nonsac.planning import Plan, plan
-    from nonsac.poses import absolute_pose, relative_pose
-    from nonsac.problems import AbsolutePose, OrientedRegistration, Registration, RelativePose, Weighted
+    from nonsac import evaluation, io, plot, simulate
+    from nonsac.calls.clouds import register_clouds
+    from nonsac.calls.jobs import Job, WorkerDied, estimate_many
+    from nonsac.calls.pairs import register_pairs
+    from nonsac.calls.poses import absolute_pose, relative_pose
+    from nonsac.cameras.camera import Camera
+    from nonsac.estimators import Estimator, Pcr99, Ransac
+    from nonsac.files.errors import InputError
+    from nonsac.method import scoring
+    from nonsac.method.pipeline import estimate
+    from nonsac.method.planning import Plan, plan
+    from nonsac.method.refine import Refiner
+    from nonsac.method.scoring import ScoringRule
+    from nonsac.problems import AbsolutePose, Problem, Registration, RelativePose, Weighted
     from nonsac.result import Alternative, FailedEstimation, Hypothesis, Result, Status
     from nonsac.sources import (
         AllPairsSource,
@@ -27,6 +32,7 @@ if TYPE_CHECKING:
         NpySource,
         ParquetSource,
         RawSource,
+        Source,
         StreamSource,
         ZarrSource,
     )
@@ -40,24 +46,28 @@ __all__ = [
     "Alternative",
     "ArraySource",
     "Camera",
+    "Estimator",
     "FailedEstimation",
     "Hdf5Source",
     "Hypothesis",
+    "InputError",
     "Job",
     "JoinedSource",
     "LasSource",
     "MappedSource",
     "NpySource",
-    "OrientedPairs",
-    "OrientedRegistration",
     "ParquetSource",
     "Pcr99",
     "Plan",
+    "Problem",
     "Ransac",
     "RawSource",
+    "Refiner",
     "Registration",
     "RelativePose",
     "Result",
+    "ScoringRule",
+    "Source",
     "Status",
     "StreamSource",
     "Weighted",
@@ -67,8 +77,10 @@ __all__ = [
     "estimate",
     "estimate_many",
     "evaluation",
+    "io",
     "open_source",
     "plan",
+    "plot",
     "register_clouds",
     "register_pairs",
     "relative_pose",
@@ -77,14 +89,18 @@ __all__ = [
 ]
 
 _HOMES = {
-    "nonsac.api": ("register_clouds", "register_pairs"),
-    "nonsac.batch": ("Job", "WorkerDied", "estimate_many"),
-    "nonsac.camera": ("Camera",),
-    "nonsac.estimators": ("OrientedPairs", "Pcr99", "Ransac"),
-    "nonsac.pipeline": ("estimate",),
-    "nonsac.planning": ("Plan", "plan"),
-    "nonsac.poses": ("absolute_pose", "relative_pose"),
-    "nonsac.problems": ("AbsolutePose", "OrientedRegistration", "Registration", "RelativePose", "Weighted"),
+    "nonsac.calls.clouds": ("register_clouds",),
+    "nonsac.calls.jobs": ("Job", "WorkerDied", "estimate_many"),
+    "nonsac.calls.pairs": ("register_pairs",),
+    "nonsac.calls.poses": ("absolute_pose", "relative_pose"),
+    "nonsac.cameras.camera": ("Camera",),
+    "nonsac.estimators": ("Estimator", "Pcr99", "Ransac"),
+    "nonsac.files.errors": ("InputError",),
+    "nonsac.method.pipeline": ("estimate",),
+    "nonsac.method.planning": ("Plan", "plan"),
+    "nonsac.method.refine": ("Refiner",),
+    "nonsac.method.scoring": ("ScoringRule",),
+    "nonsac.problems": ("AbsolutePose", "Problem", "Registration", "RelativePose", "Weighted"),
     "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Result", "Status"),
     "nonsac.sources": (
         "AllPairsSource",
@@ -96,22 +112,30 @@ _HOMES = {
         "NpySource",
         "ParquetSource",
         "RawSource",
+        "Source",
         "StreamSource",
         "ZarrSource",
     ),
     "nonsac.sources.open": ("open_source",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
+_MODULES = {
+    "evaluation": "nonsac.evaluation",
+    "io": "nonsac.io",
+    "plot": "nonsac.plot",
+    "scoring": "nonsac.method.scoring",
+    "simulate": "nonsac.simulate",
+}
 
 
 def __getattr__(name: str) -> Any:
     """Import on first use: numba and SciPy take a second, which `nonsac --help` need not wait for."""
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
-    if name in __all__:
-        return import_module(f"nonsac.{name}")
+    if name in _MODULES:
+        return import_module(_MODULES[name])
     raise AttributeError(f"module 'nonsac' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

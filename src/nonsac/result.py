@@ -242,7 +242,7 @@ class Result:
         InputError
             If the name has another suffix, or the file cannot be written; nothing is left then.
         """
-        from nonsac.io.masks import write_mask
+        from nonsac.files.masks import write_mask
 
         pieces = (residuals < self.threshold for residuals in self._residuals_by_chunk())
         write_mask(path, pieces, len(self._evidence().source))
@@ -302,7 +302,7 @@ class Result:
 
     def save(self, path: str | Path) -> None:
         """Write the JSON of `to_json` to a file, whole or not at all."""
-        from nonsac.io.atomic import write_atomically
+        from nonsac.files.atomic import write_atomically
 
         text = self.to_json(indent=1) + "\n"
         write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))

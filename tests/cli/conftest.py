@@ -1,14 +1,8 @@
 """Fixtures of the tests of the command line, in this process where it can be: kernels compile once for all tests."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
 from nonsac import cli
-
-# For cli_samples, and the match_samples of the io tests, whatever import mode pytest is run in.
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "io")]
 
 
 @pytest.fixture

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_samples import BENT, FIRST, SECOND, matrix, said, scene, write_model, write_photo, write_table
 
 import nonsac
-from nonsac import io, plot, poses
+from cli_samples import BENT, FIRST, SECOND, matrix, said, scene, write_model, write_photo, write_table
+from nonsac import io, plot
+from nonsac.calls import poses
 
 CAMERA = ("--camera", str(FIRST))
 HEADER = "u v X Y Z"

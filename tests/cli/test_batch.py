@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_samples import FIRST, SECOND, matrix, said, scene, subprocess_nonsac, two_views, write_hloc, write_table
 
 import nonsac
-from nonsac import journal, simulate
+from cli_samples import FIRST, SECOND, matrix, said, scene, subprocess_nonsac, two_views, write_hloc, write_table
+from nonsac import simulate
+from nonsac.running import journal
 from waiting import wait_until
 
 
@@ -273,7 +274,7 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(run, four, monkeypatch):
     assert code == 2
     assert "out.jsonl: cannot be written (No space left on device)" in said(err)[-1]
     assert sorted(path.name for path in Path().iterdir() if "out" in path.name) == ["out.jsonl.partial"]
-    monkeypatch.setattr("nonsac.batch.Job.run", lambda *_: pytest.fail("nothing is left to do"))
+    monkeypatch.setattr("nonsac.calls.jobs.Job.run", lambda *_: pytest.fail("nothing is left to do"))
     assert run(*arguments, "--resume")[0] == 1
     assert len(results()) == 4
 
@@ -289,7 +290,7 @@ def interrupted(run, four, monkeypatch):
         return original(job, *limit)
 
     with monkeypatch.context() as patch:
-        patch.setattr("nonsac.batch.Job.run", interrupt)
+        patch.setattr("nonsac.calls.jobs.Job.run", interrupt)
         code, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1")
     assert code == 130
     return said(err)
@@ -334,7 +335,7 @@ def test_memory_and_the_last_fit_are_columns(run, tmp_path, monkeypatch, rng):
     monkeypatch.chdir(tmp_path)
     pairs = nonsac.simulate.registration(150_000, 0.5, 0.01, rng)
     np.save("rows.npy", np.hstack([pairs.source, pairs.target]))
-    monkeypatch.setattr("nonsac.batch._LARGE", 10**6)  # opened as a source
+    monkeypatch.setattr("nonsac.calls.jobs._LARGE", 10**6)  # opened as a source
     lines = ["name,pairs,noise,refine,max_memory", "a,rows.npy,0.01,full,", "b,rows.npy,0.01,polish,16 MB"]
     (tmp_path / "pairs.csv").write_text("\n".join(lines))
     code, *_ = run("batch", "pairs.csv", "--call", "register-pairs", "--output", "out.jsonl", "--workers", "1")

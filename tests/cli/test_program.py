@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from cli_samples import said, subprocess_nonsac
 
 import nonsac
-from nonsac import poses
+from cli_samples import said, subprocess_nonsac
+from nonsac.calls import poses
 from nonsac.cli.session import compiling_noted, progress_bar
 
 

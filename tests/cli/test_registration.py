@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_samples import said
 
 import nonsac
+from cli_samples import said
 from nonsac import io, simulate
 
 
@@ -209,7 +209,7 @@ def test_pairs_of_unequal_length(scans, refused):
     ],
 )
 def test_options_are_refused_before_any_work(scans, refused, monkeypatch, options, message):
-    monkeypatch.setattr(nonsac.api, "register_clouds", None)
+    monkeypatch.setattr("nonsac.calls.clouds.register_clouds", None)
     assert message in refused("register-clouds", *scans[:2], *options)
 
 
@@ -245,6 +245,6 @@ def test_interrupted(scans, run, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(nonsac.api, "register_clouds", interrupted)
+    monkeypatch.setattr("nonsac.calls.clouds.register_clouds", interrupted)
     assert run("register-clouds", *scans[:2], "--output", "T.txt") == (130, "", "nonsac: interrupted\n")
     assert not os.path.exists("T.txt")

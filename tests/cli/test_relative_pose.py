@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import nonsac
 from cli_samples import (
     BENT,
     FIRST,
@@ -22,9 +24,8 @@ from cli_samples import (
     write_photo,
     write_table,
 )
-
-import nonsac
-from nonsac import io, plot, poses
+from nonsac import io, plot
+from nonsac.calls import poses
 
 CAMERAS = ("--camera1", str(FIRST), "--camera2", str(SECOND))
 NAMES = ("--image1", IMAGES[0], "--image2", IMAGES[1])

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_samples import said
 
+from cli_samples import said
 from nonsac import io, simulate
 
 

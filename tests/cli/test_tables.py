@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_samples import FIRST, SECOND, scene, two_views, write_table
 
 import nonsac
+from cli_samples import FIRST, SECOND, scene, two_views, write_table
 from nonsac import plot, simulate
 from nonsac.cli import rows as table_rows
 

@@ -7,12 +7,15 @@ import pytest
 
 import naive
 import nonsac.estimators
-from nonsac.estimators import Estimator, OrientedPairs, Pcr99, Ransac
-from nonsac.overlap import Overlap
-from nonsac.problems import AbsolutePose, OrientedRegistration, Registration, RelativePose
+from nonsac.clouds.overlap import Overlap
+from nonsac.clouds.problem import OrientedRegistration
+from nonsac.clouds.search import OrientedPairs
+from nonsac.clouds.surfaces import Surface
+from nonsac.estimators import Pcr99, Ransac
+from nonsac.estimators.contract import Estimator
+from nonsac.problems import AbsolutePose, Registration, RelativePose
 from nonsac.result import Hypothesis
 from nonsac.sources import AllPairsSource
-from nonsac.surfaces import Surface
 
 THRESHOLD = 0.05
 TRUTH = naive.random_model(np.random.default_rng(8), spread=0.5)

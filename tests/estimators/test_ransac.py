@@ -11,8 +11,8 @@ import naive
 from nonsac import simulate
 from nonsac.estimators import Ransac
 from nonsac.estimators.ransac import minimal_samples, trials_needed
-from nonsac.fitting import biweight_costs
 from nonsac.problems import AbsolutePose, Registration, RelativePose, Weighted
+from nonsac.problems.fits import biweight_costs
 from nonsac.result import Hypothesis
 
 NOISE = 1e-3

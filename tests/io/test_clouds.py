@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from io_samples import npy, npz
 
+from io_samples import npy, npz
 from nonsac.io import read_cloud, write_cloud
 from nonsac.io.clouds import READERS, WRITERS
 

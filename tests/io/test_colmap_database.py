@@ -6,9 +6,9 @@ from threading import Timer
 
 import numpy as np
 import pytest
-from match_samples import SCHEMA, fill_database
 from scipy.spatial.transform import Rotation
 
+from match_samples import SCHEMA, fill_database
 from nonsac.io import colmap_database, read_colmap_pair, read_matches, write_two_view_geometry
 
 

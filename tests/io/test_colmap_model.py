@@ -2,9 +2,9 @@ import struct
 
 import numpy as np
 import pytest
-from match_samples import write_binary_model, write_text_model
 from scipy.spatial.transform import Rotation
 
+from match_samples import write_binary_model, write_text_model
 from nonsac.io import InputError, read_colmap_points, read_colmap_pose, read_points
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from io_samples import FACES, XYZ, compressed, mixed_faces, npy, npz, pcd_header, ply_header
 
+from io_samples import FACES, XYZ, compressed, mixed_faces, npy, npz, pcd_header, ply_header
 from nonsac.io import InputError, read_cloud, read_pairs, read_transform
 
 BODY = struct.pack("<6d", *range(6))

@@ -5,9 +5,9 @@ import contextlib
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
 from io_samples import npz
 from match_samples import PAIRS, POINTS, WEIGHTS, K, fill_database, parquet, write_binary_model, write_text_model
-
 from nonsac.io import InputError, read_colmap_points, read_colmap_pose, read_matches, read_points
 
 NAMES = ["pairs.npz", "points.npz", "a.parquet", "a.db", "cameras.bin", "images.bin", "points3D.bin"]

@@ -5,9 +5,9 @@ import sys
 
 import numpy as np
 import pytest
+
 from io_samples import npy, npz
 from match_samples import PAIRS, POINTS, WEIGHTS, K, parquet
-
 from nonsac.io import read_matches, read_points
 
 

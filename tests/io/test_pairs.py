@@ -2,8 +2,8 @@ import struct
 
 import numpy as np
 import pytest
-from io_samples import npy, npz
 
+from io_samples import npy, npz
 from nonsac.io import read_pairs
 
 ROWS = np.array([[1.0, 2, 3, 4, 5, 6], [7, 8, np.nan, 10, 11, 12]])

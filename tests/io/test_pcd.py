@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from io_samples import compressed, literals, pcd_header
 
+from io_samples import compressed, literals, pcd_header
 from nonsac.io import read_cloud
 from nonsac.io.pcd import decompress_lzf
 

@@ -2,8 +2,8 @@ import struct
 
 import numpy as np
 import pytest
-from io_samples import FACES, XYZ, mixed_faces, ply_header
 
+from io_samples import FACES, XYZ, mixed_faces, ply_header
 from nonsac.io import read_cloud
 
 POINTS = [[0.1, 2.0, -3.5], [4.0, 5.0, 1e-9], [4.0, 5.0, 1e-9], [7.0, float("nan"), 9.0]]

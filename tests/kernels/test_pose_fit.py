@@ -6,7 +6,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import naive
-from nonsac.kernels.pose_fit import fit_pose, move, normal_equations, reprojection_jacobian, sampson_jacobian
+from nonsac.kernels.pose_fit import fit_pose, move, normal_equations
+from nonsac.kernels.reprojection import reprojection_jacobian
+from nonsac.kernels.sampson import sampson_jacobian
 
 NOISE = 1e-3  # in normalised coordinates
 

@@ -2,15 +2,9 @@ import numpy as np
 import pytest
 
 import naive
-from nonsac.kernels.residuals import (
-    count_epipolar_inliers,
-    count_registration_inliers,
-    count_reprojection_inliers,
-    epipolar_geometries,
-    epipolar_residuals,
-    registration_residuals,
-    reprojection_residuals,
-)
+from nonsac.kernels.registration import count_registration_inliers, registration_residuals
+from nonsac.kernels.reprojection import count_reprojection_inliers, reprojection_residuals
+from nonsac.kernels.sampson import count_epipolar_inliers, epipolar_geometries, epipolar_residuals
 
 
 def residuals(models, rows):

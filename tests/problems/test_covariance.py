@@ -6,10 +6,10 @@ from scipy.spatial.transform import Rotation
 
 import naive
 from nonsac import simulate
-from nonsac.fitting import reweighted_fit
 from nonsac.kernels.pose_math import tangents
 from nonsac.problems import AbsolutePose, Registration, RelativePose
 from nonsac.problems.covariance import robust_covariance
+from nonsac.problems.fits import reweighted_fit
 
 SURVEY = np.array([1e6, -2e6, 3e6])
 BOTH = pytest.mark.parametrize("problem", [Registration(), Registration(None)], ids=["rigid", "free scale"])

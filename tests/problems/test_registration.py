@@ -3,7 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import naive
-from nonsac.problems import OrientedRegistration, Registration
+from nonsac.clouds.problem import OrientedRegistration
+from nonsac.problems import Registration
 
 THRESHOLD = 0.1
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import naive
-from nonsac import AbsolutePose, OrientedRegistration, Ransac, Registration, RelativePose, Weighted, simulate
+from nonsac import AbsolutePose, Ransac, Registration, RelativePose, Weighted, simulate
+from nonsac.clouds.problem import OrientedRegistration
 
 THRESHOLD = 0.05
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from nonsac.evaluation import rotation_error
+from nonsac.method.scoring import MinimumMean, MostInliers, TruncatedLp
+from nonsac.method.search import SampleTask
 from nonsac.reproduce import cells
 from nonsac.reproduce.cells import RULES, Cell, run_trial
 from nonsac.reproduce.experiments import EXPERIMENTS, chosen
-from nonsac.scoring import MinimumMean, MostInliers, TruncatedLp
-from nonsac.search import SampleTask
 from nonsac.sources import ArraySource
 
 COUNTS = (2, 5)

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nonsac import cli, io, simulate
+from nonsac.method.scoring import paper_rules
 from nonsac.reproduce import table4
 from nonsac.result import Hypothesis, Result, Status
-from nonsac.scoring import paper_rules
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 import nonsac.sources
-from nonsac.sampling import sample_rows
+from nonsac.method.sampling import sample_rows
 from nonsac.sources import (
     AllPairsSource,
     ArraySource,
@@ -19,10 +19,10 @@ from nonsac.sources import (
     NpySource,
     ParquetSource,
     RawSource,
-    Source,
     StreamSource,
     ZarrSource,
 )
+from nonsac.sources.contract import Source
 
 ROWS = np.arange(60.0).reshape(20, 3)
 

@@ -58,7 +58,7 @@ def test_any_point_of_another_cloud_is_read_by_itself(tmp_path, rng):
 
 def test_a_large_cloud_is_read_in_pieces(written, monkeypatch):
     path, points = written
-    monkeypatch.setattr("nonsac.io.las._POINTS_AT_ONCE", 50_001)
+    monkeypatch.setattr("nonsac.files.las._POINTS_AT_ONCE", 50_001)
     np.testing.assert_array_equal(read_cloud(path), points)
 
 

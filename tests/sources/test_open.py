@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 import nonsac
-from nonsac.correspondences import MATCHES, pick_columns
 from nonsac.io import InputError
+from nonsac.layouts import MATCHES
 from nonsac.sources import ArraySource, ParquetSource
+from nonsac.sources.columns import pick_columns
 
 ROWS = np.arange(60.0).reshape(12, 5)
 NAMES = ("u", "v", "X", "Y", "Z")

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nonsac.sources import RawSource, files
+from nonsac.files import positioned as files
+from nonsac.sources import RawSource
 
 DTYPES = ["f8", "f4", "f2", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"]
 

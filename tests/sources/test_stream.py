@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from nonsac.sampling import sample_rows
+from nonsac.method.sampling import sample_rows
 from nonsac.sources import StreamSource
 
 

@@ -17,9 +17,9 @@ from nonsac.cli.options import Quiet, positive
 from nonsac.cli.session import session
 
 if TYPE_CHECKING:
-    from nonsac.batch import Job
+    from nonsac.calls.jobs import Job
     from nonsac.cli.manifest import Manifest
-    from nonsac.journal import Journal
+    from nonsac.running.journal import Journal
 
 _SUFFIXES = (".jsonl", ".parquet")
 _FACTS = (
@@ -81,7 +81,7 @@ def batch(
     journal = output.with_name(output.name + ".partial")
     _check_output(manifest, output, journal, resume)
     with session(quiet, "pairs") as progress:
-        from nonsac import batch as many
+        from nonsac.calls import jobs as many
         from nonsac.cli.manifest import Manifest
 
         pairs = Manifest.read(manifest, call)
@@ -105,14 +105,14 @@ def batch(
 
 
 def _check_output(manifest: Path, output: Path, journal: Path, resume: bool) -> None:
-    from nonsac.io import check_target
+    from nonsac.files.atomic import check_target
 
     if output.suffix.lower() not in _SUFFIXES:
         raise _bad(
             "--output", f"{output}: results are written as {' or '.join(_SUFFIXES)}; end the name in one of these"
         )
     if output.suffix.lower() == ".parquet":
-        from nonsac.io.parquet import import_parquet
+        from nonsac.files.parquet import import_parquet
 
         import_parquet(output)
     if output.resolve() == manifest.resolve():
@@ -132,8 +132,8 @@ def _bad(option: str, message: str) -> typer.BadParameter:
 
 
 def _open(path: Path, pairs: Manifest, time_limit: float | None, resume: bool) -> Journal:
-    from nonsac.journal import Journal
     from nonsac.result import VERSION
+    from nonsac.running.journal import Journal
 
     settings = {"manifest": pairs.digest[:16], "--call": pairs.call, "--time-limit": time_limit, "version": VERSION}
     return Journal(path, settings, resume, "pairs", lambda record: record["success"])
@@ -176,7 +176,7 @@ def _named(job: Job) -> dict[str, Any]:
 
 def _deliver(kept: Journal, output: Path) -> Counter[str]:
     """Write all that is kept; returns how many pairs ended in which way."""
-    from nonsac.io import write_atomically
+    from nonsac.files.atomic import write_atomically
 
     counts: Counter[str] = Counter()
 

@@ -10,7 +10,7 @@ from nonsac.cli.outputs import Draw
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from nonsac.camera import Camera
+    from nonsac.cameras.camera import Camera
     from nonsac.cli.inputs import Cameras, Photo
     from nonsac.io import Matches, PointMatches
     from nonsac.result import Array, Result

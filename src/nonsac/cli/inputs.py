@@ -15,7 +15,7 @@ from nonsac.cli.options import camera_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from nonsac.camera import Camera, CameraLike
+    from nonsac.cameras.camera import Camera, CameraLike
     from nonsac.io import Matches, PointMatches
     from nonsac.result import Array
 
@@ -105,7 +105,7 @@ def image_of(name: str) -> str | int:
 
 def choose_camera(option: str | None, path: Path, name: str, in_file: CameraLike | None) -> Camera | None:
     """The camera of the option, else that of the file, called `name` there."""
-    from nonsac.camera import Camera
+    from nonsac.cameras.camera import Camera
 
     if option is not None:
         return camera_of(option)
@@ -126,7 +126,7 @@ def choose_cameras(options: tuple[str | None, str | None], path: Path, matches: 
 
 def check_unit(points: Array, noise: float | None, camera: Camera | None, option: str) -> None:
     """Without a camera, pixels are an oversight, unless their noise is told."""
-    from nonsac.poses import look_like_pixels
+    from nonsac.calls.poses import look_like_pixels
 
     if noise is None and camera is None and look_like_pixels(points):
         raise _bad(option, "the points look like pixels, and there is no camera: give one, or normalised coordinates")

@@ -17,7 +17,7 @@ from nonsac.cli.inputs import image_of
 from nonsac.cli.options import LastFit, camera_of, count_from, count_of, memory, positive, scale, scale_of
 
 if TYPE_CHECKING:
-    from nonsac.batch import Job
+    from nonsac.calls.jobs import Job
 
 Cell = Callable[[str], Any]
 _SUFFIXES = (".csv", ".jsonl")
@@ -184,7 +184,7 @@ def _json_rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _job(row: dict[str, str], folder: Path, default: str | None, number: str) -> Job:
-    from nonsac.batch import Job
+    from nonsac.calls.jobs import Job
 
     cells = {name.strip().replace("-", "_"): cell.strip() for name, cell in row.items()}
     if unknown := [name for name in cells if name not in _COLUMNS]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from nonsac.camera import Camera
+    from nonsac.cameras.camera import Camera
     from nonsac.result import Array
 
 
@@ -59,7 +59,7 @@ def workers_of(text: str | None) -> int | str | None:
 def memory(text: str | None) -> str | None:
     """Checked here, used as it is."""
     if text is not None:
-        from nonsac.memory import bytes_of
+        from nonsac.running.memory import bytes_of
 
         try:
             bytes_of(text)
@@ -91,7 +91,7 @@ def camera(text: str | None) -> str | None:
 
 def camera_of(text: str) -> Camera:
     """A line of COLMAP's cameras.txt, four numbers, or the file of a matrix K."""
-    from nonsac.camera import Camera
+    from nonsac.cameras.camera import Camera
 
     words = text.replace(",", " ").split()
     try:
@@ -110,8 +110,8 @@ _A_CAMERA = "PINHOLE 1600 1200 1000 1000 800 600"
 
 
 def _read_matrix(path: Path) -> Array:
-    from nonsac.io.errors import input_error
-    from nonsac.io.text import read_table
+    from nonsac.files.errors import input_error
+    from nonsac.files.text import read_table
 
     table = read_table(path)
     shape = (sum(1 for _ in table.rows()), len(table.first_row()))
@@ -123,7 +123,7 @@ def _read_matrix(path: Path) -> Array:
 
 
 def _are_numbers(words: list[str]) -> bool:
-    from nonsac.io.text import is_number
+    from nonsac.files.text import is_number
 
     return all(map(is_number, words))
 

@@ -31,7 +31,7 @@ class Outputs:
 
     def check(self, inputs: Iterable[tuple[str, str | Path | None]]) -> None:
         """Refuse unknown suffixes, missing folders, and the same path twice; `inputs` are names and paths."""
-        from nonsac.io import check_target
+        from nonsac.files.atomic import check_target
 
         taken = {os.path.realpath(path): name for name, path in inputs if path is not None}
         for option, path, check_suffix in self._wanted():
@@ -45,8 +45,9 @@ class Outputs:
                 raise typer.BadParameter(f"{path} is already used for {other}", param_hint=repr(option))
 
     def _wanted(self) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
-        from nonsac.io import check_mask_suffix
-        from nonsac.io.clouds import WRITERS, choose_by_suffix
+        from nonsac.files.masks import check_mask_suffix
+        from nonsac.files.paths import choose_by_suffix
+        from nonsac.io.clouds import WRITERS
         from nonsac.plot import picture_suffix
 
         checks: tuple[tuple[str, Path | None, Callable[[Path], object]], ...] = (

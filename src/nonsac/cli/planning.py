@@ -13,7 +13,7 @@ from nonsac.cli.options import Columns, Dataset
 from nonsac.cli.rows import open_rows
 
 if TYPE_CHECKING:
-    from nonsac.correspondences import Columns as Layout
+    from nonsac.layouts import Columns as Layout
 
 
 class ProblemName(StrEnum):
@@ -43,7 +43,7 @@ def plan(
     as_json: Annotated[bool, typer.Option("--json", help="Write the plan as JSON.")] = False,
 ) -> None:
     """Tell what a run would read, hold and take, before any work: estimates, from the description of the data alone."""
-    from nonsac import planning
+    from nonsac.method import planning
 
     planned = planning.plan(
         open_rows(file, _layout(problem), columns, dataset), samples=samples, sample_size=sample_size
@@ -52,11 +52,11 @@ def plan(
 
 
 def _layout(problem: ProblemName | None) -> Layout | None:
-    from nonsac import correspondences
+    from nonsac import layouts as known
 
     layouts = {
-        ProblemName.relative_pose: correspondences.MATCHES,
-        ProblemName.absolute_pose: correspondences.POINTS,
-        ProblemName.register_pairs: correspondences.PAIRS,
+        ProblemName.relative_pose: known.MATCHES,
+        ProblemName.absolute_pose: known.POINTS,
+        ProblemName.register_pairs: known.PAIRS,
     }
     return None if problem is None else layouts[problem]

@@ -55,7 +55,7 @@ from nonsac.cli.rows import note_share, open_rows, opens_as_source, seen_there, 
 from nonsac.cli.session import session
 
 if TYPE_CHECKING:
-    from nonsac.camera import Camera
+    from nonsac.cameras.camera import Camera
     from nonsac.io import Matches
     from nonsac.result import Result
 
@@ -127,13 +127,14 @@ def relative_pose(
     if write_geometry:
         check_geometry(matches, images, (camera1, camera2))
     with session(quiet, "samples") as progress:
-        from nonsac import correspondences, io, poses
+        from nonsac import io, layouts
+        from nonsac.calls import poses
 
-        source = open_rows(file, correspondences.MATCHES, columns, dataset) if is_table else None
+        source = open_rows(file, layouts.MATCHES, columns, dataset) if is_table else None
         if source is None:
             pair = read_pair(matches, second, images)
         else:
-            pair = io.Matches(*some_rows(source, correspondences.MATCHES, picture))
+            pair = io.Matches(*some_rows(source, layouts.MATCHES, picture))
         cameras = choose_cameras((camera1, camera2), matches, pair)
         check_unit(pair.points1, noise, cameras[0], "--camera1")
         photo_of_1 = read_photo("--photo1", photo1, picture, cameras[0])
@@ -213,13 +214,14 @@ def absolute_pose(
     if not is_table:
         check_points(points, image)
     with session(quiet, "samples") as progress:
-        from nonsac import correspondences, io, poses
+        from nonsac import io, layouts
+        from nonsac.calls import poses
 
-        source = open_rows(file, correspondences.POINTS, columns, dataset) if is_table else None
+        source = open_rows(file, layouts.POINTS, columns, dataset) if is_table else None
         if source is None:
             matches = read_points(points, image)
         else:
-            matches = io.PointMatches(*some_rows(source, correspondences.POINTS, picture))
+            matches = io.PointMatches(*some_rows(source, layouts.POINTS, picture))
         chosen = choose_camera(camera, points, "camera", matches.camera)
         check_unit(matches.points2d, noise, chosen, "--camera")
         background = read_photo("--photo", photo, picture, chosen)

@@ -74,11 +74,11 @@ def register_clouds(
     outputs = Outputs(transform=output, aligned=save_aligned, picture=picture)
     outputs.check([("SOURCE", source), ("TARGET", target)])
     with session(quiet, "samples") as progress:
-        from nonsac import api
+        from nonsac.calls import clouds as calls
         from nonsac.io import read_cloud
 
         clouds = read_cloud(source), read_cloud(target)
-        result = api.register_clouds(
+        result = calls.register_clouds(
             *clouds, samples=samples, sample_size=sample_size, workers=workers, rng=seed, progress=progress
         )
     _finish(result, clouds, (source.name, target.name), outputs, as_json)
@@ -138,13 +138,14 @@ def register_pairs(
         problem = f"{file} is read in pieces, never whole; write T with --output, and apply it"
         raise typer.BadParameter(problem, param_hint="'--save-aligned'")
     with session(quiet, "samples") as progress:
-        from nonsac import api, correspondences
+        from nonsac import layouts
+        from nonsac.calls import pairs as calls
         from nonsac.io import read_pairs
 
-        source = open_rows(file, correspondences.PAIRS, columns, dataset) if is_table else None
-        points = read_pairs(pairs, second) if source is None else some_rows(source, correspondences.PAIRS, picture)
+        source = open_rows(file, layouts.PAIRS, columns, dataset) if is_table else None
+        points = read_pairs(pairs, second) if source is None else some_rows(source, layouts.PAIRS, picture)
         given: tuple[Any, Any] = points if source is None else (source, None)
-        result = api.register_pairs(
+        result = calls.register_pairs(
             *given,
             noise=noise,
             scale=scale_of(scale),
@@ -180,12 +181,13 @@ def demo(
     outputs = Outputs(picture=picture)
     outputs.check([])
     with session(quiet, "samples") as progress:
-        from nonsac import api, simulate
+        from nonsac import simulate
+        from nonsac.calls import clouds as calls
 
         scans = simulate.demo_scans(seed)
         if save_scans is not None:
             _write_scans(save_scans, scans, as_json)
-        result = api.register_clouds(scans.source, scans.target, workers=workers, rng=seed, progress=progress)
+        result = calls.register_clouds(scans.source, scans.target, workers=workers, rng=seed, progress=progress)
     error = _errors(result, scans.T)
     if not as_json:
         tell(f"two scans of {len(scans.source):,} points, overlap {scans.overlap:.2f}, turned at random")

@@ -170,7 +170,7 @@ class Files:
 
             rich.print(*tables())
         if self.report is not None:
-            from nonsac.io import write_atomically
+            from nonsac.files.atomic import write_atomically
 
             write_atomically(self.report, lambda temporary: temporary.write_text(text + "\n", encoding="utf-8"))
             wrote(self.report, "all numbers", self.to_stdout)

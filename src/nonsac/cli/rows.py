@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from nonsac.correspondences import Columns
+    from nonsac.layouts import Columns
     from nonsac.result import Array, Result
-    from nonsac.sources import Source
+    from nonsac.sources.contract import Source
 
 _DRAWN, _LOOKED_AT = (5000, 8), (1000, 1)  # rows, of so many blocks
 _LARGE = 64_000_000  # bytes
@@ -46,7 +46,7 @@ def opens_as_source(file: str, columns: str | None, dataset: str | None) -> bool
 
 def open_rows(file: str, layout: Columns | None, columns: str | None, dataset: str | None) -> Source:
     """The source of a file, with the columns of a layout where it names them."""
-    from nonsac.correspondences import pick_columns
+    from nonsac.sources.columns import pick_columns
     from nonsac.sources.open import open_source
 
     source = open_source(file, columns=columns_of(columns), dataset=dataset)
@@ -91,7 +91,7 @@ def note_share(source: Source | None, picture: Path | None, quiet: bool) -> None
 
 
 def _places(source: Source, picture: Path | None) -> NDArray[np.int64]:
-    from nonsac.correspondences import spread_rows
+    from nonsac.calls.rows import spread_rows
 
     return spread_rows(source, *(_LOOKED_AT if picture is None else _DRAWN))
 
@@ -104,7 +104,7 @@ def _holds_rows(folder: str) -> bool:
 
 
 def _kind(file: str) -> str:
-    from nonsac.io.content import content_kind
+    from nonsac.files.content import content_kind
 
     with open(file, "rb") as opened:
         return content_kind(opened.read(4096))

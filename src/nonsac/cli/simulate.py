@@ -101,7 +101,7 @@ def simulate(
 
 
 def _check_truth(truth: Path | None, output: Path) -> None:
-    from nonsac.io import check_target
+    from nonsac.files.atomic import check_target
 
     if truth is None:
         return
@@ -117,7 +117,8 @@ def _check_truth(truth: Path | None, output: Path) -> None:
 
 
 def _write_truth(path: Path, T: Array, text: str) -> None:
-    from nonsac.io import write_atomically, write_transform
+    from nonsac.files.atomic import write_atomically
+    from nonsac.io import write_transform
 
     if path.suffix.lower() == ".json":
         write_atomically(path, lambda temporary: temporary.write_text(text + "\n", encoding="utf-8"))

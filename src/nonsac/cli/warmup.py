@@ -19,29 +19,31 @@ def warmup() -> None:
 
 
 def _registrations() -> list[Callable[[], object]]:
-    from nonsac import Pcr99, api, simulate
+    import nonsac
+    from nonsac import simulate
 
     scans = simulate.demo_scans(0, points=1500)
     pairs = simulate.registration(300, 0.5, 0.01, 0)
     return [
-        lambda: api.register_clouds(scans.source, scans.target, samples=2),
-        lambda: api.register_pairs(pairs.source, pairs.target, noise=0.01),
-        lambda: api.register_pairs(pairs.source, pairs.target, noise=0.01, scale=None),
-        lambda: api.register_pairs(pairs.source, pairs.target, noise=0.01, estimator=Pcr99(order="random")),
+        lambda: nonsac.register_clouds(scans.source, scans.target, samples=2),
+        lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01),
+        lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=None),
+        lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, estimator=nonsac.Pcr99(order="random")),
     ]
 
 
 def _poses() -> list[Callable[[], object]]:
     import numpy as np
 
-    from nonsac import poses, simulate
+    import nonsac
+    from nonsac import simulate
 
     views = simulate.relative_pose(300, 0.5, 0.001, 0)
     scene = simulate.absolute_pose(300, 0.5, 0.001, 0)
     weights = np.linspace(0.1, 1.0, 300)
     return [
-        lambda: poses.relative_pose(views.points1, views.points2, noise=0.001),
-        lambda: poses.relative_pose(views.points1, views.points2, noise=0.001, weights=weights),
-        lambda: poses.absolute_pose(scene.points2d, scene.points3d, noise=0.001),
-        lambda: poses.absolute_pose(scene.points2d, scene.points3d, noise=0.001, weights=weights),
+        lambda: nonsac.relative_pose(views.points1, views.points2, noise=0.001),
+        lambda: nonsac.relative_pose(views.points1, views.points2, noise=0.001, weights=weights),
+        lambda: nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001),
+        lambda: nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001, weights=weights),
     ]

@@ -9,14 +9,15 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.fitting import inlier_fit, reweighted_fit, row_weights
 from nonsac.kernels.consistency import (
     count_consistent_distances,
     count_consistent_ratios,
     ranked_triplets,
     screened_triplets,
 )
-from nonsac.problems import Problem, Registration, Weighted
+from nonsac.problems import Registration, Weighted
+from nonsac.problems.contract import Problem
+from nonsac.problems.fits import inlier_fit, reweighted_fit, row_weights
 from nonsac.problems.registration import centre
 from nonsac.result import Array, Hypothesis
 

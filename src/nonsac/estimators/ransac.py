@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.fitting import biweight_costs, reweighted_fit, row_weights
 from nonsac.kernels.minimal_samples import distinct_rows, gather_rows
-from nonsac.problems import Problem
+from nonsac.problems.contract import Problem
+from nonsac.problems.fits import biweight_costs, reweighted_fit, row_weights
 from nonsac.result import Array, Hypothesis
 
 _FIRST_BATCH, _LARGEST_BATCH = 64, 2048

@@ -1,13 +1,13 @@
 """Read and write point clouds, matches, and transforms."""
 
-from nonsac.io.atomic import check_target, write_atomically
+from nonsac.files.atomic import check_target, write_atomically
+from nonsac.files.errors import InputError
+from nonsac.files.masks import check_mask_suffix, write_mask
 from nonsac.io.clouds import read_cloud, write_cloud
 from nonsac.io.colmap_database import read_colmap_pair, write_two_view_geometry
 from nonsac.io.colmap_model import read_colmap_points, read_colmap_pose
 from nonsac.io.correspondences import Matches, PointMatches
-from nonsac.io.errors import InputError
 from nonsac.io.hloc import read_hloc
-from nonsac.io.masks import check_mask_suffix, write_mask
 from nonsac.io.matches import read_matches, read_points
 from nonsac.io.pairs import read_pairs
 from nonsac.io.transforms import read_transform, write_transform

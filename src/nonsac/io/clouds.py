@@ -2,25 +2,23 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.io.arrays import as_rows, load_npy, load_npz
-from nonsac.io.atomic import write_atomically
-from nonsac.io.content import unreadable
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.las import read_las
+from nonsac.files.arrays import as_rows, load_npy, load_npz
+from nonsac.files.atomic import write_atomically
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.las import read_las
+from nonsac.files.paths import choose_by_suffix
+from nonsac.files.records import find_axes, truncated
+from nonsac.files.text import EXACT, read_table
 from nonsac.io.pcd import read_pcd, write_pcd
 from nonsac.io.ply import read_ply, write_ply
-from nonsac.io.records import find_axes, truncated
-from nonsac.io.text import EXACT, read_table
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 Reader = Callable[[FilePath], NDArray[np.float64]]
 Writer = Callable[[Path, NDArray[np.float64]], None]
-Choice = TypeVar("Choice")
 
 
 def read_cloud(path: FilePath) -> NDArray[np.float64]:
@@ -69,35 +67,6 @@ def write_cloud(path: FilePath, points: ArrayLike) -> None:
     write = choose_by_suffix(path, WRITERS)
     rows = as_rows(path, np.asarray(points), 3)
     write_atomically(path, lambda temporary: write(temporary, rows))
-
-
-def choose_by_suffix(path: FilePath, choices: dict[str, Choice]) -> Choice:
-    """Return the choice for the suffix of a path.
-
-    Parameters
-    ----------
-    path
-        A file name; the case of its suffix does not matter.
-    choices
-        What to choose from, by lower-case suffix with its dot.
-
-    Returns
-    -------
-    object
-        The value of `choices` for this suffix.
-
-    Raises
-    ------
-    InputError
-        If the path is a folder, or no choice has its suffix.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix in choices:
-        return choices[suffix]
-    if Path(path).is_dir():
-        raise unreadable(path, IsADirectoryError())
-    problem = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
-    raise input_error(path, problem, f"use one of {', '.join(choices)}")
 
 
 def _read_npy(path: FilePath) -> NDArray[np.float64]:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.colmap_cameras import camera_dict, model_name, parameter_count
+from nonsac.cameras.models import camera_dict, model_name, parameter_count
+from nonsac.files.content import read_bytes
+from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.io.colmap_image import ModelImage
-from nonsac.io.content import read_bytes
-from nonsac.io.errors import FilePath, input_error, not_held
 
 _OBSERVATION = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 _TRACK_ENTRY_SIZE = 8

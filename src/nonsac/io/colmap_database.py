@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.io.colmap_cameras import camera_dict, model_name, pinhole_matrix
-from nonsac.io.content import check_kind
+from nonsac.cameras.models import camera_dict, model_name, pinhole_matrix
+from nonsac.files.content import check_kind
+from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.io.correspondences import Matches, Points
-from nonsac.io.errors import FilePath, InputError, input_error, not_held
 
 # A constant of COLMAP: there can be no more images than this.
 _MAX_IMAGES = 2147483647

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from nonsac.files.content import unreadable
+from nonsac.files.errors import FilePath, input_error
 from nonsac.io import colmap_binary, colmap_text
-from nonsac.io.content import unreadable
 from nonsac.io.correspondences import PointMatches, Points
-from nonsac.io.errors import FilePath, input_error
 
 _READERS = {".bin": colmap_binary, ".txt": colmap_text}
 

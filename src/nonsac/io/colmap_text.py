@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.colmap_cameras import camera_dict
+from nonsac.cameras.models import camera_dict
+from nonsac.files.content import read_content
+from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.io.colmap_image import ModelImage
-from nonsac.io.content import read_content
 from nonsac.io.correspondences import Points
-from nonsac.io.errors import FilePath, InputError, input_error, not_held
 
 _FIELDS_OF_POSE = 7
 _FIELDS_BEFORE_NAME = 9

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.arrays import as_rows
+from nonsac.files.arrays import as_rows
+from nonsac.files.errors import FilePath, input_error, not_held
+from nonsac.files.hdf5 import open_hdf5
 from nonsac.io.correspondences import Matches, Points
-from nonsac.io.errors import FilePath, input_error, not_held
-from nonsac.io.hdf5 import open_hdf5
 
 _NEEDS = ("the files of hloc", "hloc")
 

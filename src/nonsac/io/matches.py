@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from nonsac.files.errors import FilePath, input_error
 from nonsac.io.colmap_database import read_colmap_pair
 from nonsac.io.colmap_model import read_colmap_points
 from nonsac.io.correspondences import Matches, PointMatches
-from nonsac.io.errors import FilePath, input_error
 from nonsac.io.tables import Layout, read_rows
 
 _MATCHES = Layout(

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.arrays import as_rows, load_npy, load_npz
-from nonsac.io.clouds import READERS, TEXT_SUFFIXES, choose_by_suffix, read_cloud
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.text import read_table
+from nonsac.files.arrays import as_rows, load_npy, load_npz
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.paths import choose_by_suffix
+from nonsac.files.text import read_table
+from nonsac.io.clouds import READERS, TEXT_SUFFIXES, read_cloud
 
 _COLUMNS = ("x1", "y1", "z1", "x2", "y2", "z2")
 _Points = NDArray[np.float64]

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.content import read_content
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.records import find_axes, truncated, unpack_columns
-from nonsac.io.text import Table, split_lines
+from nonsac.files.content import read_content
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.records import find_axes, truncated, unpack_columns
+from nonsac.files.text import Table, split_lines
 
 _NUMBER_KINDS = {"F": "<f", "I": "<i", "U": "<u"}
 _LITERAL_LIMIT = 32

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.content import read_content
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.records import find_axes, truncated, unpack_columns
-from nonsac.io.text import Table, split_lines
+from nonsac.files.content import read_content
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.records import find_axes, truncated, unpack_columns
+from nonsac.files.text import Table, split_lines
 
 _HEADER_END = re.compile(rb"\n[ \t]*end_header[ \t]*\r?\n")
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}

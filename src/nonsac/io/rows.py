@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from nonsac.io.atomic import check_target, write_atomically
-from nonsac.io.clouds import choose_by_suffix
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.parquet import import_parquet
+from nonsac.files.atomic import check_target, write_atomically
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.parquet import import_parquet
+from nonsac.files.paths import choose_by_suffix
 
 Blocks = Iterable[NDArray[Any]]
 

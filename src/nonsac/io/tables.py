@@ -7,13 +7,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.arrays import Archive, as_rows, load_npy, open_npz
-from nonsac.io.clouds import TEXT_SUFFIXES, choose_by_suffix
+from nonsac.files.arrays import Archive, as_rows, load_npy, open_npz
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.parquet import read_parquet
+from nonsac.files.paths import choose_by_suffix
+from nonsac.files.records import find_columns
+from nonsac.files.text import read_table
+from nonsac.io.clouds import TEXT_SUFFIXES
 from nonsac.io.correspondences import CameraDescription, Points
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.parquet import read_parquet
-from nonsac.io.records import find_columns
-from nonsac.io.text import read_table
 
 WEIGHT = "weight"
 

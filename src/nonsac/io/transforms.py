@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.io.atomic import write_atomically
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.text import EXACT, read_table
+from nonsac.files.atomic import write_atomically
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.text import EXACT, read_table
 
 _SHAPE = (4, 4)
 

@@ -10,7 +10,10 @@ import numpy as np
 
 from nonsac.kernels._jit import kernel
 from nonsac.kernels.eigen import diagonalise
+from nonsac.kernels.losses import tukey
 from nonsac.kernels.pose_math import orthonormalise, rotate, solve_in_place, tangents
+from nonsac.kernels.reprojection import reprojection_row, reprojection_slopes
+from nonsac.kernels.sampson import essential_directions, sampson_row
 
 
 @kernel
@@ -139,67 +142,6 @@ def normal_equations(columns, weights, threshold, focals, model, directions, hes
 
 
 @kernel
-def essential_directions(model, focals, directions):
-    """E = [t]x R and its derivatives with respect to the five parameters: six matrices (6, 3, 3).
-
-    For image coordinates of length `focals` where they were 1.
-    """
-    t0, t1, t2 = model[0, 3], model[1, 3], model[2, 3]
-    b0, b1, b2, c0, c1, c2 = tangents(t0, t1, t2)
-    for c in range(3):
-        x, y, z = model[0, c], model[1, c], model[2, c]
-        _cross_into(directions[0], c, t0, t1, t2, x, y, z)
-        _cross_into(directions[1], c, t0, t1, t2, 0.0, -z, y)
-        _cross_into(directions[2], c, t0, t1, t2, z, 0.0, -x)
-        _cross_into(directions[3], c, t0, t1, t2, -y, x, 0.0)
-        _cross_into(directions[4], c, b0, b1, b2, x, y, z)
-        _cross_into(directions[5], c, c0, c1, c2, x, y, z)
-    for k in range(6):
-        for i in range(2):
-            for c in range(3):
-                directions[k, i, c] /= focals[1]
-                directions[k, c, i] /= focals[0]
-
-
-@kernel
-def _cross_into(matrix, c, a0, a1, a2, x, y, z):
-    matrix[0, c] = a1 * z - a2 * y
-    matrix[1, c] = a2 * x - a0 * z
-    matrix[2, c] = a0 * y - a1 * x
-
-
-@kernel
-def sampson_row(d, x, y, u, v):
-    """A signed Sampson residual and its five derivatives, from the matrices of `essential_directions`."""
-    a, b = d[0, 0, 0] * x + d[0, 0, 1] * y + d[0, 0, 2], d[0, 1, 0] * x + d[0, 1, 1] * y + d[0, 1, 2]
-    c, e = d[0, 0, 0] * u + d[0, 1, 0] * v + d[0, 2, 0], d[0, 0, 1] * u + d[0, 1, 1] * v + d[0, 2, 1]
-    square = a * a + b * b + c * c + e * e
-    if not square > 0.0:
-        return np.inf, 0.0, 0.0, 0.0, 0.0, 0.0
-    scale = 1.0 / np.sqrt(square)
-    residual = scale * (u * a + v * b + d[0, 2, 0] * x + d[0, 2, 1] * y + d[0, 2, 2])
-    pull = residual / square
-    a, b, c, e = pull * a, pull * b, pull * c, pull * e
-    return (
-        residual,
-        _sampson_slope(d[1], scale, a, b, c, e, x, y, u, v),
-        _sampson_slope(d[2], scale, a, b, c, e, x, y, u, v),
-        _sampson_slope(d[3], scale, a, b, c, e, x, y, u, v),
-        _sampson_slope(d[4], scale, a, b, c, e, x, y, u, v),
-        _sampson_slope(d[5], scale, a, b, c, e, x, y, u, v),
-    )
-
-
-@kernel
-def _sampson_slope(d, scale, a, b, c, e, x, y, u, v):
-    """Derivative of product / sqrt(a^2 + b^2 + c^2 + e^2) where E changes by d; a to e come times residual / square."""
-    da, db = d[0, 0] * x + d[0, 1] * y + d[0, 2], d[1, 0] * x + d[1, 1] * y + d[1, 2]
-    dc, de = d[0, 0] * u + d[1, 0] * v + d[2, 0], d[0, 1] * u + d[1, 1] * v + d[2, 1]
-    product = u * da + v * db + d[2, 0] * x + d[2, 1] * y + d[2, 2]
-    return scale * product - (a * da + b * db + c * dc + e * de)
-
-
-@kernel
 def sampson_equations(columns, weights, threshold, directions, hessian, gradient):
     x, y, u, v = columns[0], columns[1], columns[2], columns[3]
     inverse = 1.0 / (threshold * threshold)
@@ -245,48 +187,6 @@ def sampson_equations(columns, weights, threshold, directions, hessian, gradient
 
 
 @kernel
-def tukey(weight, square, inverse):
-    """Loss and weight of a squared residual: Tukey's biweight, scaled so that it is weight times r^2 for small r.
-
-    `inverse` is one over the squared threshold, 0 for plain least squares.
-    """
-    if inverse == 0.0:
-        return (weight * square, weight) if square < np.inf else (0.0, 0.0)
-    share = 1.0 - square * inverse
-    if not share > 0.0:
-        return weight / (3.0 * inverse), 0.0
-    return weight * (1.0 - share * share * share) / (3.0 * inverse), weight * share * share
-
-
-@kernel
-def reprojection_row(model, focal, u, v, x, y, z):
-    """Where a pose sees a point, less where it was seen, and what their derivatives are made of.
-
-    Returns the two residuals, the inverse depth (0 where the point is not in front), and the moved point less t.
-    """
-    a = model[0, 0] * x + model[0, 1] * y + model[0, 2] * z
-    b = model[1, 0] * x + model[1, 1] * y + model[1, 2] * z
-    c = model[2, 0] * x + model[2, 1] * y + model[2, 2] * z
-    depth = c + model[2, 3]
-    if not depth > 0.0:
-        return np.inf, np.inf, 0.0, a, b, c
-    inverse = 1.0 / depth
-    scale = focal * inverse
-    return scale * (a + model[0, 3]) - u, scale * (b + model[1, 3]) - v, inverse, a, b, c
-
-
-@kernel
-def reprojection_slopes(focal, inverse, p, q, a, b, c, jacobian):
-    """Derivatives (2, 6) of an image point (p, q) with respect to w and d: (a, b, c) is R X."""
-    scale, along_p, along_q = focal * inverse, -inverse * p, -inverse * q
-    first, second = jacobian[0], jacobian[1]
-    first[0], first[1], first[2] = b * along_p, c * scale - a * along_p, -b * scale
-    first[3], first[4], first[5] = scale, 0.0, along_p
-    second[0], second[1], second[2] = b * along_q - c * scale, -a * along_q, a * scale
-    second[3], second[4], second[5] = 0.0, scale, along_q
-
-
-@kernel
 def reprojection_equations(columns, weights, threshold, focal, model, hessian, gradient):
     u, v, x, y, z = columns[0], columns[1], columns[2], columns[3], columns[4]
     scale = 1.0 / (threshold * threshold)
@@ -310,27 +210,3 @@ def reprojection_equations(columns, weights, threshold, focal, model, hessian, g
             for k in range(j, 6):
                 hessian[j, k] += first * jacobian[0, k] + second * jacobian[1, k]
     return cost
-
-
-@kernel
-def sampson_jacobian(columns, focals, model, residuals, jacobian):
-    """Signed Sampson residuals (N,) and their derivatives (N, 5)."""
-    directions = np.empty((6, 3, 3))
-    essential_directions(model, focals, directions)
-    for i in range(columns.shape[1]):
-        r, j0, j1, j2, j3, j4 = sampson_row(directions, columns[0, i], columns[1, i], columns[2, i], columns[3, i])
-        residuals[i] = r
-        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2], jacobian[i, 3], jacobian[i, 4] = j0, j1, j2, j3, j4
-
-
-@kernel
-def reprojection_jacobian(columns, focal, model, residuals, jacobian):
-    """Residuals (N, 2) of image points and their derivatives (N, 2, 6); 0 for points that are not in front."""
-    for i in range(columns.shape[1]):
-        u, v = columns[0, i], columns[1, i]
-        r, s, inverse, a, b, c = reprojection_row(model, focal, u, v, columns[2, i], columns[3, i], columns[4, i])
-        residuals[i, 0], residuals[i, 1] = r, s
-        if inverse == 0.0:
-            jacobian[i, :] = 0.0
-        else:
-            reprojection_slopes(focal, inverse, r + u, s + v, a, b, c, jacobian[i])

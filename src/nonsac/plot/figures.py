@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nonsac.io.atomic import write_atomically
+from nonsac.files.atomic import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,16 +8,20 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.kernels.normal_equations import mirror, reprojection_equations
+from nonsac.kernels.losses import mirror
 from nonsac.kernels.p3p import p3p_poses
-from nonsac.kernels.pose_fit import fit_pose, move, reprojection_jacobian
-from nonsac.kernels.residuals import count_reprojection_inliers, reprojection_residuals
+from nonsac.kernels.pose_fit import fit_pose, move
+from nonsac.kernels.reprojection import (
+    count_reprojection_inliers,
+    reprojection_equations,
+    reprojection_jacobian,
+    reprojection_residuals,
+)
 from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
 from nonsac.problems.normal_equations import NormalEquations, Weigher
-from nonsac.problems.planar_target import plane_of_points, reflected_pose
 from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
 from nonsac.problems.registration import centre
-from nonsac.problems.simpler import Simpler
+from nonsac.problems.special_case import Simpler
 
 Array = NDArray[np.float64]
 
@@ -157,3 +161,25 @@ def moved_origin(models: Array, origin: Array) -> Array:
     moved = np.array(models, np.float64)
     moved[..., 3] += moved[..., :3] @ origin
     return moved
+
+
+def plane_of_points(points: Array) -> tuple[Array, Array]:
+    """Centre (3,) and unit normal (3,) of the least-squares plane of points (n, 3)."""
+    centre = points.mean(axis=0)
+    return centre, np.linalg.svd(points - centre, full_matrices=False)[2][2]
+
+
+def reflected_pose(model: Array, centre: Array, normal: Array) -> Array:
+    """The pose (3, 4) that turns the plane about its centre to the other side of the line of sight.
+
+    Without perspective both poses give the same image (Oberkampf, DeMenthon and Davis 1996; Collins and Bartoli,
+    "Infinitesimal plane-based pose estimation", IJCV 2014), so with little of it the other one is a second minimum.
+    """
+    sight = model[:, :3] @ centre + model[:, 3]
+    direction = sight / np.linalg.norm(sight)
+    rotation = _mirror(direction) @ model[:, :3] @ _mirror(normal)
+    return np.column_stack([rotation, sight - rotation @ centre])
+
+
+def _mirror(normal: Array) -> Array:
+    return np.eye(3) - 2.0 * np.outer(normal, normal)

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.kernels.normal_equations import likely_inliers
+from nonsac.kernels.losses import likely_inliers
 
 Array = NDArray[np.float64]
 

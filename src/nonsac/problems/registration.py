@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.kernels.kabsch import fit_each, fit_similarity
-from nonsac.kernels.normal_equations import registration_equations, registration_matrix
 from nonsac.kernels.pose_math import rotate
-from nonsac.kernels.residuals import count_registration_inliers, registration_residuals
+from nonsac.kernels.registration import (
+    count_registration_inliers,
+    registration_equations,
+    registration_matrix,
+    registration_residuals,
+)
 from nonsac.problems.covariance import at_origin, robust_covariance
 from nonsac.problems.normal_equations import NormalEquations, Weigher
 

@@ -9,13 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.kernels.five_point import five_point_poses
-from nonsac.kernels.normal_equations import mirror, sampson_equations
-from nonsac.kernels.pose_fit import essential_directions, fit_pose, move, sampson_jacobian
-from nonsac.kernels.residuals import count_epipolar_inliers, epipolar_geometries, epipolar_residuals
+from nonsac.kernels.losses import mirror
+from nonsac.kernels.pose_fit import fit_pose, move
+from nonsac.kernels.sampson import (
+    count_epipolar_inliers,
+    epipolar_geometries,
+    epipolar_residuals,
+    essential_directions,
+    sampson_equations,
+    sampson_jacobian,
+)
 from nonsac.problems.covariance import least_squares_covariance, robust_covariance
 from nonsac.problems.normal_equations import NormalEquations, Weigher
 from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
-from nonsac.problems.simpler import Simpler
+from nonsac.problems.special_case import Simpler
 from nonsac.problems.two_view import plane_of, pose_of_same_plane, rotation_of, transfer_errors
 
 Array = NDArray[np.float64]

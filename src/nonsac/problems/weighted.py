@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nonsac.problems.normal_equations import Weigher
 
 if TYPE_CHECKING:
-    from nonsac.problems import Problem
+    from nonsac.problems.contract import Problem
 
 Array = NDArray[np.float64]
 

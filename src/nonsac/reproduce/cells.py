@@ -14,11 +14,11 @@ from time import perf_counter
 import numpy as np
 
 from nonsac.evaluation import rotation_error
-from nonsac.problems import Problem
+from nonsac.method.scoring import FixedSample, Ideal, paper_rules, select
+from nonsac.method.search import SampleTask
+from nonsac.problems.contract import Problem
 from nonsac.reproduce.experiments import Experiment
 from nonsac.result import Array, Hypothesis, threshold_of
-from nonsac.scoring import FixedSample, Ideal, paper_rules, select
-from nonsac.search import SampleTask
 from nonsac.sources import ArraySource
 
 __all__ = ["RULES", "SHOWN_RULES", "Cell", "Trial", "TrialTask", "run_trial", "selected_models"]

@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 
 from nonsac import simulate
-from nonsac.api import register_pairs
-from nonsac.estimators import Estimator, Pcr99, Ransac
-from nonsac.poses import absolute_pose, relative_pose
-from nonsac.problems import AbsolutePose, Problem, Registration, RelativePose
+from nonsac.calls.pairs import register_pairs
+from nonsac.calls.poses import absolute_pose, relative_pose
+from nonsac.estimators import Pcr99, Ransac
+from nonsac.estimators.contract import Estimator
+from nonsac.problems import AbsolutePose, Registration, RelativePose
+from nonsac.problems.contract import Problem
 from nonsac.result import Array, Result
 
 __all__ = ["EXPERIMENTS", "Experiment", "chosen"]

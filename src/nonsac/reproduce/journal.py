@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import Any, Self
 
-from nonsac import journal
 from nonsac.reproduce.cells import Trial
+from nonsac.running import journal
 
 __all__ = ["Journal"]
 
@@ -19,7 +19,7 @@ class Journal:
     Parameters
     ----------
     path : path-like or None
-        As in `nonsac.journal.Journal`; None keeps nothing.
+        As in `nonsac.running.journal.Journal`; None keeps nothing.
     settings, resume
         As there.
 

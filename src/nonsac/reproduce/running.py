@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from nonsac.executors import Workers, cores, ordered_map
-from nonsac.processes import end_with_parent
 from nonsac.reproduce.cells import RULES, Cell, Trial, TrialTask, run_trial
 from nonsac.reproduce.journal import Journal
+from nonsac.running.executors import Workers, cores, ordered_map
+from nonsac.running.processes import end_with_parent
 
 __all__ = ["Plan", "check_trials", "run_trials"]
 

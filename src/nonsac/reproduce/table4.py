@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac import plot
-from nonsac.api import register_clouds
+from nonsac.calls.clouds import register_clouds
 from nonsac.estimators import Pcr99
 from nonsac.evaluation import mean_average_accuracy, rotation_error
-from nonsac.executors import Workers
 from nonsac.io import read_cloud
-from nonsac.pipeline import estimate
+from nonsac.method.pipeline import estimate
 from nonsac.problems import Registration
 from nonsac.reproduce import summaries
 from nonsac.reproduce.cells import selected_models
 from nonsac.result import Result
+from nonsac.running.executors import Workers
 from nonsac.simulate import CloudPair, cloud_pair
 from nonsac.sources import AllPairsSource
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.io.rows import check_rows_target, write_rows
-from nonsac.sampling import permutation
+from nonsac.seeds import permutation
 from nonsac.simulate.matches import FAR, NEAR, check_matches, second_camera
 from nonsac.simulate.motions import Floats, Seed, check_count, generator_of, random_motion
 

@@ -12,7 +12,7 @@ from nonsac.sources.array import ArraySource
 from nonsac.sources.held import HeldSource
 
 if TYPE_CHECKING:
-    from nonsac.sources import Source
+    from nonsac.sources.contract import Source
 
 
 class AllPairsSource:

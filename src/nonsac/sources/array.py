@@ -69,7 +69,7 @@ class _Mapping(NamedTuple):
         try:
             content = np.memmap(self.filename, np.uint8, "r", offset=start, shape=(self.before + self.after,))
         except (OSError, ValueError) as error:
-            from nonsac.io.errors import input_error
+            from nonsac.files.errors import input_error
 
             problem = f"cannot be mapped again ({error})"
             raise input_error(self.filename, problem, "keep it as it was, where every worker can read it") from error

@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from nonsac.io.errors import FilePath, input_error, not_held
+from nonsac.files.errors import FilePath, input_error, not_held
+from nonsac.layouts import WEIGHT, Columns
+from nonsac.sources.contract import Source
+from nonsac.sources.mapped import ColumnMap, MappedSource
 
 
 def choose_columns(
@@ -80,3 +83,47 @@ def read_columns(array: Any, first: int, last: int, columns: list[int]) -> NDArr
         return np.asarray(array[first:last], np.float64)[:, None]
     low, high = min(columns), max(columns) + 1
     return np.asarray(array[first:last, low:high], np.float64)[:, np.subtract(columns, low)]
+
+
+def pick_columns(source: Source, columns: Columns) -> Source:
+    """The source with the columns of these names, and the weight, if it has them; else as it is, if it fits.
+
+    As it is, too, where `open_source` was told which columns to take: their order is that of the user.
+
+    Raises
+    ------
+    ValueError
+        Where it has another number of columns, or some of these names at other places and lacks the rest; the message
+        says how many, and which.
+    """
+    names, width = tuple(getattr(source, "names", None) or ()), len(columns.names)
+    given = getattr(source, "columns_given", False)
+    places = [None if given else _place(name, names) for name in columns.names]
+    chosen = [names[place] for place in places if place is not None]
+    if len(chosen) == width:
+        return _with_columns(source, [*chosen, WEIGHT] if WEIGHT in names else chosen)
+    held = f"rows of {source.width} columns" + (f" ({' '.join(names)})" if names else "")
+    if source.width not in (width, width + 1):
+        expected = f"{width} ({' '.join(columns.names)}), or {width + 1} with a weight"
+        raise ValueError(f"{held}, not of {expected}; choose columns")
+    if any(place not in (None, position) for position, place in enumerate(places)):
+        missing = " ".join(name for name, place in zip(columns.names, places, strict=True) if place is None)
+        raise ValueError(f"{held}, of which none is called {missing}; rename the columns, or choose others")
+    return source
+
+
+def _place(name: str, names: Sequence[str]) -> int | None:
+    """Where a name is, in whatever case; the exact one is preferred."""
+    if name in names:
+        return names.index(name)
+    folded = [other.lower() for other in names]
+    return folded.index(name.lower()) if folded.count(name.lower()) == 1 else None
+
+
+def _with_columns(source: Source, chosen: Sequence[str]) -> Source:
+    names = list(source.names)  # type: ignore[attr-defined]
+    if list(chosen) == names:
+        return source
+    if hasattr(source, "with_columns"):
+        return source.with_columns(chosen)
+    return MappedSource(source, ColumnMap(tuple(names.index(name) for name in chosen)))

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.errors import FilePath, not_held
-from nonsac.io.hdf5 import open_hdf5
+from nonsac.files.errors import FilePath, not_held
+from nonsac.files.hdf5 import open_hdf5
+from nonsac.files.positioned import PositionedFile
 from nonsac.sources.blocks import EvenBlockSource, block_rows
 from nonsac.sources.columns import choose_columns, common_length, read_columns, real_dtype, split_columns
-from nonsac.sources.files import PositionedFile
 from nonsac.sources.records import Records, RecordSource, number_columns
 from nonsac.sources.wrapped import WrappedSource
 

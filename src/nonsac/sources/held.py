@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from nonsac.sources import Source
+    from nonsac.sources.contract import Source
 
 
 class HeldSource:

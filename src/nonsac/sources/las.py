@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.errors import FilePath
-from nonsac.io.las import open_las, stored_coordinates
-from nonsac.io.records import truncated
+from nonsac.files.errors import FilePath
+from nonsac.files.las import open_las, stored_coordinates
+from nonsac.files.positioned import PositionedFile
+from nonsac.files.records import truncated
 from nonsac.sources.blocks import EvenBlockSource
-from nonsac.sources.files import PositionedFile
 from nonsac.sources.records import Records, RecordSource
 from nonsac.sources.wrapped import WrappedSource
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from nonsac.sources import Source
+    from nonsac.sources.contract import Source
 
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 _HANDED_ON = ("block_starts", "bytes_to_take", "in_memory")

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-from nonsac.io.content import check_kind
-from nonsac.io.errors import FilePath, input_error
-from nonsac.io.records import truncated
+from nonsac.files.content import check_kind
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.positioned import PositionedFile
+from nonsac.files.records import truncated
 from nonsac.sources.columns import choose_columns, real_dtype
-from nonsac.sources.files import PositionedFile
 from nonsac.sources.records import Records, RecordSource, number_columns
 
 

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
-from nonsac.io.arrays import open_npz
-from nonsac.io.content import content_kind, with_article
-from nonsac.io.errors import FilePath, input_error, not_held
-from nonsac.io.records import find_columns
-from nonsac.io.text import Table, read_table
+from nonsac.files.arrays import open_npz
+from nonsac.files.content import content_kind, with_article
+from nonsac.files.errors import FilePath, input_error, not_held
+from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
+from nonsac.files.records import find_columns
+from nonsac.files.text import Table, read_table
 from nonsac.sources.array import ArraySource
-from nonsac.sources.paths import file_errors, holds, is_folder, is_url, read_head
 
 if TYPE_CHECKING:
-    from nonsac.sources import Source
+    from nonsac.sources.contract import Source
 
 Columns = Sequence[str | int] | None
 _HEAD_LENGTH = 4096
@@ -149,7 +149,7 @@ def _open_npz(path: str, columns: Columns, dataset: str | None) -> Source:
 
 def _only_dataset(path: str) -> str:
     """The name of the only dataset (n, D) of numbers in an HDF5 file."""
-    from nonsac.io.hdf5 import open_hdf5
+    from nonsac.files.hdf5 import open_hdf5
 
     found: list[str] = []
     with open_hdf5(path) as file:

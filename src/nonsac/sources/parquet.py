@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.errors import FilePath, input_error, library_missing, not_held
+from nonsac.files.errors import FilePath, input_error, library_missing, not_held
+from nonsac.files.paths import Stamp, changed, file_errors, is_url, listed_files, open_file, stamp_of
 from nonsac.sources.blocks import BlockSource
-from nonsac.sources.paths import Stamp, changed, file_errors, is_url, listed_files, open_file, stamp_of
 
 SUFFIXES = (".parquet", ".pq", ".parq", ".arrow", ".feather", ".ipc")
 _MARK_OF_ARROW = b"ARROW1"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from numpy.typing import DTypeLike
 
-from nonsac.io.errors import FilePath, input_error
+from nonsac.files.errors import FilePath, input_error
+from nonsac.files.positioned import PositionedFile
 from nonsac.sources.columns import real_dtype
-from nonsac.sources.files import PositionedFile
 from nonsac.sources.records import Records, RecordSource, number_columns
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.sources.files import PositionedFile
+from nonsac.files.positioned import PositionedFile
 
 _PAGE = 4096
 

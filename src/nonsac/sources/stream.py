@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.sampling import canonical_seed
+from nonsac.seeds import canonical_seed
 from nonsac.sources.array import ArraySource
 
 _LARGEST_KEY = np.iinfo(np.uint64).max

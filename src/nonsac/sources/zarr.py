@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.io.content import unreadable
-from nonsac.io.errors import FilePath, InputError, input_error, library_missing, not_held
+from nonsac.files.content import unreadable
+from nonsac.files.errors import FilePath, InputError, input_error, library_missing, not_held
 from nonsac.sources.blocks import EvenBlockSource, block_rows
 from nonsac.sources.columns import choose_columns, common_length, read_columns, real_dtype, split_columns
 

@@ -1,0 +1,130 @@
+"""The calls that most users need: choose the parts, run the pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nonsac.calls.arguments import points_argument, warn_dropped
+from nonsac.clouds.frame import CommonFrame
+from nonsac.clouds.problem import OrientedRegistration
+from nonsac.clouds.refine import SurfaceRefiner, coarse_overlap
+from nonsac.clouds.search import Agreement, OrientedPairs
+from nonsac.clouds.surfaces import Surface
+from nonsac.method.pipeline import estimate
+from nonsac.method.scoring import TruncatedLp
+from nonsac.result import VERSION, Array, Result, Status, failed
+from nonsac.running.clock import Stopwatch
+from nonsac.running.executors import Workers
+from nonsac.seeds import canonical_seed
+from nonsac.sources import AllPairsSource
+
+Random = int | np.random.Generator | None
+Progress = Callable[[int, int], object]
+
+
+def register_clouds(
+    source: ArrayLike,
+    target: ArrayLike,
+    *,
+    samples: int = 40,
+    sample_size: int = 2000,
+    workers: Workers = None,
+    rng: Random = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Register two raw point clouds: no matches, no descriptors, no initial guess.
+
+    Both clouds are thinned, every source point is hypothesised to match every target point, and NONSAC samples of
+    these pairs give motions, which are ranked by how well they make the clouds overlap. The best distinct answers
+    are compared on the dense surfaces, and the winner is aligned finely on the full clouds.
+
+    Parameters
+    ----------
+    source, target : (n, 3) and (k, 3) array
+        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped.
+    samples, sample_size : int
+        At most this many samples of this many hypothesised pairs; fewer where several samples agree early.
+    workers : None, int or concurrent.futures.Executor
+        One thread for each core, this many threads, or an executor. The answer is the same, bit for bit.
+    rng : int, numpy Generator or None
+    progress : callable, optional
+        Called as `progress(done, samples)`.
+
+    Returns
+    -------
+    Result
+        `T` maps the source into the target's frame. `num_inliers` of `num_rows` thinned points of both clouds lie in
+        the other's surface. `status` is `AMBIGUOUS` where a clearly different answer does nearly as well (see
+        `alternatives`), `LOW_SUPPORT` where too little of the clouds coincides.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Where an array is not (n, 3) numbers; the message names it.
+    """
+    clock = Stopwatch()
+    seed = canonical_seed(rng)
+    a, dropped_source = _finite_cloud(source, "source")
+    b, dropped_target = _finite_cloud(target, "target")
+    info = {
+        "seed": seed,
+        "version": VERSION,
+        "dropped_source": dropped_source,
+        "dropped_target": dropped_target,
+    }
+    if min(len(a), len(b)) < 3:
+        return failed(Status.TOO_FEW, float("nan"), info)
+    frame = CommonFrame.of(a, b)
+    full_source, full_target = frame.normalised(a, frame.source_origin), frame.normalised(b, frame.target_origin)
+    info |= {"stray_source": len(a) - len(full_source), "stray_target": len(b) - len(full_target)}
+    reason = _unusable(full_source) or _unusable(full_target)
+    if reason is not None:
+        return failed(reason, float("nan"), info)
+    overlap = coarse_overlap(Surface.from_points(full_source), Surface.from_points(full_target))
+    clock.lap("preparation")
+
+    estimator = OrientedPairs.for_overlap(overlap)
+    search = partial(
+        estimate,
+        AllPairsSource(overlap.source.oriented, overlap.target.oriented),
+        OrientedRegistration(),
+        noise=overlap.reach / 5.0,
+        samples=samples,
+        sample_size=sample_size,
+        rule=TruncatedLp(1.0),
+        refine=SurfaceRefiner(overlap, full_source, full_target),
+        workers=workers,
+        rng=seed,
+        progress=progress,
+    )
+    result = search(estimator, stop=Agreement(overlap.reach))
+    seconds = clock.laps | result.info["seconds"]
+    if not result.success:  # harder than it looked: all samples, and twice the candidates in each
+        result = search(estimator.with_budget(2))
+        seconds |= {stage: seconds[stage] + again for stage, again in result.info["seconds"].items()}
+    return frame.restore(replace(result, info=result.info | info | {"seconds": seconds}))
+
+
+def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:
+    """The finite points as float64, and how many were dropped."""
+    array = points_argument(points, name, 3)
+    finite = np.isfinite(array).all(axis=1)
+    dropped = int(len(array) - finite.sum())
+    warn_dropped(dropped, len(array), f"{name} points", stacklevel=4)
+    return np.array(array[finite] if dropped else array, np.float64, order="C"), dropped
+
+
+def _unusable(points: Array) -> Status | None:
+    """Why these points cannot be registered, if they cannot."""
+    if len(points) < 3:
+        return Status.TOO_FEW
+    centred = points - points.mean(axis=0)
+    spread = np.linalg.svd(centred.T @ centred / len(points), compute_uv=False)
+    if not spread[0] > 0:
+        return Status.DEGENERATE
+    return Status.DEGENERATE if spread[1] < 1e-8 * spread[0] else None

@@ -1,0 +1,279 @@
+"""Many pairs: one job for each, on processes or any executor; one that fails never stops the others."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache, partial
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar
+
+from nonsac.calls import clouds, pairs, poses
+from nonsac.result import Result
+from nonsac.running.executors import Workers, parsed, width_of
+from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses
+from nonsac.seeds import canonical_seed
+from nonsac.sources.open import open_source
+
+__all__ = ["Job", "WorkerDied", "estimate_many"]
+
+Outcome = Result | Exception
+Progress = Callable[[int, int | None], object]
+Answer = TypeVar("Answer")
+
+_CALLS: dict[str, Callable[..., Result]] = {
+    "relative_pose": poses.relative_pose,
+    "absolute_pose": poses.absolute_pose,
+    "register_pairs": pairs.register_pairs,
+    "register_clouds": clouds.register_clouds,
+}
+_IMAGES = {"relative_pose": ("image1", "image2"), "absolute_pose": ("image",)}
+_SET_HERE = ("workers", "progress")
+_TABLES, _LARGE = (".npy", ".parquet"), 64_000_000  # bytes
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Job:
+    """One of the four calls, with its data and settings, to be run later and elsewhere.
+
+    Parameters
+    ----------
+    call : str
+        "relative_pose", "absolute_pose", "register_pairs" or "register_clouds".
+    *data : arrays or paths
+        What the call takes first, as arrays; or the names of files, read where the job runs: `matches` (or `features`
+        and `matches` of hloc), `points`, `pairs` (or `source` and `target`), `source` and `target`. Weights and cameras
+        of a file are used where the settings name no others.
+    name : str
+        Tells the job apart from others.
+    **settings
+        Keyword arguments of the call, but not `workers` and `progress`. For files with many images also `image1` and
+        `image2`, or `image`: names, or numbers of COLMAP.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Where there is no such call or setting, or the data are arrays in part and files in part.
+
+    Examples
+    --------
+    >>> Job("register_pairs", "left.ply", "right.ply", noise=0.01, name="left to right")
+    Job('register_pairs', name='left to right')
+    """
+
+    call: str
+    data: tuple[Any, ...]
+    settings: Mapping[str, Any]
+    name: str
+
+    def __init__(self, call: str, /, *data: Any, name: str = "", **settings: Any) -> None:
+        if call not in _CALLS:
+            raise ValueError(f"call must be one of {', '.join(_CALLS)}, got {call!r}")
+        for setting in settings:
+            if setting not in settings_of(call):
+                raise TypeError(f"{call} has no setting {setting!r} in a job; it has {', '.join(settings_of(call))}")
+        if len(set(map(_is_path, data))) > 1:
+            raise TypeError(f"the data of a job are arrays or paths, not both; got {len(data)} of mixed kinds")
+        if "rng" in settings and settings["rng"] is not None:  # a generator is drawn from now, in the order of the jobs
+            settings["rng"] = canonical_seed(settings["rng"])
+        for field, value in (("call", call), ("data", data), ("settings", settings), ("name", name)):
+            object.__setattr__(self, field, value)
+
+    def __repr__(self) -> str:
+        return f"Job({self.call!r}, name={self.name!r})"
+
+    def run(self, time_limit: float | None = None) -> Result:
+        """Read the files, if any, and make the call on one thread.
+
+        Parameters
+        ----------
+        time_limit : float, optional
+            Seconds, for the calls that take a limit (`register_clouds` takes none), where the settings hold none.
+
+        Returns
+        -------
+        Result
+            That of the call with `workers=1`, bit for bit.
+
+        Raises
+        ------
+        InputError, ValueError, TypeError
+            What the readers and the call raise.
+        """
+        settings = dict(self.settings)
+        if time_limit is not None and "time_limit" in settings_of(self.call):
+            settings.setdefault("time_limit", time_limit)
+        data = _read(self.call, self.data, settings) if any(map(_is_path, self.data)) else self.data
+        return _CALLS[self.call](*data, workers=1, **settings)
+
+
+def estimate_many(
+    jobs: Iterable[Job],
+    *,
+    workers: Workers = None,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+) -> Iterator[tuple[Job, Outcome]]:
+    """Run many jobs, and give their outcomes in the order of the jobs, each as soon as those before it are there.
+
+    Parameters
+    ----------
+    jobs : iterable of Job
+        May be a generator: jobs are taken from it as they are needed, at most two for each worker ahead of what was
+        given back, so that their number does not matter.
+    workers : None, int, concurrent.futures.Executor, Dask client or str
+        One process for each core, this many processes, or an executor; a Dask client, "dask" or a scheduler's address
+        as for the calls. With 1, all runs in the calling process. A script that uses processes needs
+        `if __name__ == "__main__":`.
+    time_limit : float, optional
+        Seconds for each job, handed on to the calls that take it: all but `register_clouds`.
+    progress : callable, optional
+        Called as `progress(done, total)`, where `total` is None if `jobs` has no length.
+
+    Yields
+    ------
+    job : Job
+    outcome : Result or Exception
+        The result, the same bits as that of the call with `workers=1`; or what went wrong: a file that cannot be read,
+        an exception, or `WorkerDied` where the process of the job was killed twice (the other jobs go on). An executor
+        that you bring and that breaks as a whole ends the run, with its own exception.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Where `workers` is not as above, or something else than a job comes.
+    """
+    pool = parsed(workers)  # at once, and not when the first outcome is asked for
+    total = len(jobs) if isinstance(jobs, Sized) else None
+    return _counted(run_many(_Run(time_limit), jobs, pool), total, progress)
+
+
+@cache
+def settings_of(call: str) -> tuple[str, ...]:
+    """Names of what may be set for a call in a job."""
+    parameters = inspect.signature(_CALLS[call]).parameters.values()
+    names = [p.name for p in parameters if p.default is not p.empty and p.name not in _SET_HERE]
+    return (*_IMAGES.get(call, ()), *names)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What travels to the workers."""
+
+    time_limit: float | None
+
+    def __call__(self, job: Job) -> Result:
+        return job.run(self.time_limit)
+
+
+def run_many(
+    task: Callable[[Job], Answer], jobs: Iterable[Job], workers: Workers
+) -> Iterator[tuple[Job, Answer | Exception]]:
+    """The task's answer for each job, or the exception, in the order of the jobs."""
+    with _pool(workers) as pool:
+        if pool is None:
+            for job in map(_checked, jobs):
+                yield job, _settled(partial(task, job))
+            return
+        for job, future in _ahead(task, map(_checked, jobs), pool):
+            yield job, _settled(future.result)
+
+
+def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -> Iterator[tuple[Job, Future[Answer]]]:
+    pending: deque[tuple[Job, Future[Answer]]] = deque()
+    ahead = 2 * width_of(pool)
+    try:
+        for job in jobs:
+            pending.append((job, pool.submit(task, job)))
+            while pending and (len(pending) >= ahead or pending[0][1].done()):
+                yield pending.popleft()
+        while pending:
+            yield pending.popleft()
+    finally:
+        for _, future in pending:
+            future.cancel()
+
+
+def _settled(answer: Callable[[], Answer]) -> Answer | Exception:
+    try:
+        return answer()
+    except (CannotStart, BrokenExecutor):
+        raise
+    except Exception as error:
+        return error
+
+
+@contextmanager
+def _pool(workers: Workers) -> Iterator[Executor | None]:
+    """None for the calling process."""
+    count = parsed(workers)
+    if isinstance(count, Executor):
+        yield count
+        return
+    if count == 1:
+        yield None
+        return
+    pool = WorkerProcesses(count)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _counted(
+    outcomes: Iterator[tuple[Job, Outcome]], total: int | None, progress: Progress | None
+) -> Iterator[tuple[Job, Outcome]]:
+    for done, outcome in enumerate(outcomes, 1):
+        if progress is not None:
+            progress(done, total)
+        yield outcome
+
+
+def _checked(job: Job) -> Job:
+    if not isinstance(job, Job):
+        raise TypeError(f"jobs must hold objects of nonsac.Job, got {type(job).__name__}")
+    return job
+
+
+# --- files ---------------------------------------------------------------------------------
+
+
+def _is_path(part: Any) -> bool:
+    return isinstance(part, (str, os.PathLike))
+
+
+def _read(call: str, paths: tuple[Any, ...], settings: dict[str, Any]) -> tuple[Any, ...]:
+    """The arrays of the call; what else the files hold goes into the settings, and the names of images leave them."""
+    from nonsac import io
+
+    images = [settings.pop(name, None) for name in _IMAGES.get(call, ())]
+    if call == "register_clouds":
+        return tuple(map(io.read_cloud, paths))
+    if len(paths) == 1 and _is_large_table(paths[0]):
+        return (open_source(paths[0]),)
+    if call == "register_pairs":
+        return io.read_pairs(*paths)
+    if call == "absolute_pose":
+        points = io.read_points(*paths, *images)
+        _fill(settings, weights=points.weights, camera=points.camera)
+        return points.points2d, points.points3d
+    matches = io.read_hloc(*paths, *images) if len(paths) == 2 else io.read_matches(*paths, *images)
+    _fill(settings, weights=matches.weights, camera1=matches.camera1, camera2=matches.camera2)
+    return matches.points1, matches.points2
+
+
+def _is_large_table(path: str | PathLike[str]) -> bool:
+    """Whether a table is read in pieces, as the commands do; a file that is not there is the readers' to refuse."""
+    return Path(path).suffix.lower() in _TABLES and os.path.isfile(path) and os.path.getsize(path) > _LARGE
+
+
+def _fill(settings: dict[str, Any], **found: Any) -> None:
+    for name, value in found.items():
+        if settings.get(name) is None:
+            settings[name] = value

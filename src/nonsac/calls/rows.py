@@ -1,0 +1,90 @@
+"""Correspondences as the calls take them, arrays side by side or one source of rows, made into a source."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nonsac.calls.arguments import points_argument, weights_argument
+from nonsac.layouts import Columns
+from nonsac.result import Array
+from nonsac.sources import JoinedSource, MappedSource
+from nonsac.sources.columns import pick_columns
+from nonsac.sources.contract import Source
+from nonsac.sources.mapped import BySideMap, Map
+
+_FEW_ROWS = 1000
+
+
+@dataclass(frozen=True)
+class Correspondences:
+    """The parts of all rows, or of some to look at; whether rows have a weight; and how to read them."""
+
+    parts: tuple[NDArray[Any], ...]
+    weighted: bool
+    source: Source | None = None
+    weights: Array | None = None
+
+    def through(self, maps: Sequence[Map | None]) -> Source:
+        """The rows, of which each part passes through a map where it has one."""
+        maps = [*maps, None] if self.weighted else list(maps)
+        if self.source is None:
+            weights = [] if self.weights is None else [self.weights[:, None]]
+            return JoinedSource([*self.parts, *weights], maps)
+        if not any(maps):
+            return self.source
+        widths = [part.shape[1] for part in self.parts]
+        return MappedSource(self.source, BySideMap([*widths, 1] if self.weighted else widths, maps))
+
+
+def rows_of_arrays(
+    call: str, arrays: dict[str, Any], widths: Sequence[int], weights: ArrayLike | None, hint: str = ""
+) -> Correspondences:
+    """Check two arrays, named as the user knows them, and their weights."""
+    (name1, first), (name2, second) = arrays.items()
+    a, b = points_argument(first, name1, widths[0]), points_argument(second, name2, widths[1])
+    if len(a) != len(b):
+        raise ValueError(f"{call} needs {name1}[i] to match {name2}[i]; got {len(a)} and {len(b)} rows{hint}")
+    uneven = weights_argument(weights, len(a))
+    return Correspondences((a, b), uneven is not None, weights=uneven)
+
+
+def rows_of_source(source: Source, columns: Columns, name: str, **others: object) -> Correspondences:
+    """Check a source that was passed in place of arrays, and pick its columns by their names where it has these.
+
+    Raises
+    ------
+    ValueError
+        Where the source has another number of columns, or `others` are given, which it would have to hold.
+    """
+    for other, given in others.items():
+        if given is not None:
+            raise ValueError(f"{other} must be left out where {name} is a source, whose rows hold all")
+    try:
+        source = pick_columns(source, columns)
+    except ValueError as error:
+        raise ValueError(f"{name} is a source with {error}") from None
+    some = next(iter(source.chunks(_FEW_ROWS, 0, _FEW_ROWS)), np.empty((0, source.width)))
+    weighted = source.width > len(columns.names)
+    return Correspondences(columns.parts(some), weighted, source)
+
+
+def spread_rows(source: Source, count: int, most_blocks: int) -> NDArray[np.int64]:
+    """Numbers of at most so many rows, spread evenly over the source, or over some of its blocks."""
+    starts = getattr(source, "block_starts", np.array([0, len(source)]))
+    blocks = np.flatnonzero(np.diff(starts))
+    blocks = blocks[_evenly(len(blocks), most_blocks)]
+    sizes = np.diff(starts)[blocks]
+    places = _evenly(int(sizes.sum()), count)
+    ends = np.cumsum(sizes)
+    inside = np.searchsorted(ends, places, side="right")
+    return places - (ends - sizes)[inside] + starts[blocks][inside]
+
+
+def _evenly(rows: int, count: int) -> NDArray[np.int64]:
+    """At most `count` of `range(rows)`, at equal distances."""
+    return np.arange(min(rows, count), dtype=np.int64) * rows // max(min(rows, count), 1)

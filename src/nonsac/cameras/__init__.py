@@ -1,0 +1,1 @@
+"""Cameras: from pixels to normalised image coordinates and back."""

@@ -1,0 +1,64 @@
+"""Both clouds in one frame and unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nonsac.result import Array, Hypothesis, Result, homogeneous
+
+
+@dataclass(frozen=True, eq=False)
+class CommonFrame:
+    """Both clouds near the origin and in a unit of about their size; survey coordinates keep their digits."""
+
+    source_origin: Array
+    target_origin: Array
+    unit: float
+
+    @classmethod
+    def of(cls, source: Array, target: Array) -> CommonFrame:
+        boxes = [np.quantile(_some(points), [0.005, 0.5, 0.995], axis=0) for points in (source, target)]
+        unit = max(float(np.linalg.norm(box[2] - box[0])) for box in boxes)
+        if not unit > 0:  # nearly all points are one: go by the others
+            unit = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in (source, target))
+        return cls(boxes[0][1], boxes[1][1], unit if unit > 0 else 1.0)
+
+    def normalised(self, points: Array, origin: Array) -> Array:
+        """The points in this frame, without strays: points more than three times the clouds' size away."""
+        moved = (points - origin) / self.unit
+        return moved[np.abs(moved).max(axis=1) < 3.0]
+
+    def to_target(self, model: Array) -> Array:
+        """A motion of the normalised clouds as a motion (4, 4) of the given ones."""
+        T = homogeneous(model)
+        T[:3, 3] = self.target_origin + self.unit * model[:, 3] - model[:, :3] @ self.source_origin
+        return T
+
+    def restore(self, result: Result) -> Result:
+        """A result in the unit and frame of the given clouds."""
+        return replace(
+            result,
+            T=self.to_target(result.T[:3]),
+            noise=result.noise * self.unit,
+            threshold=result.threshold * self.unit,
+            hypotheses=tuple(map(self._restored, result.hypotheses)),
+            alternatives=tuple(replace(a, T=self.to_target(a.T[:3])) for a in result.alternatives),
+            evidence=None,
+        )
+
+    def _restored(self, hypothesis: Hypothesis) -> Hypothesis:
+        others = [self.to_target(model)[:3] for model in hypothesis.alternatives]
+        return replace(
+            hypothesis,
+            model=self.to_target(hypothesis.model)[:3],
+            residuals=hypothesis.residuals * self.unit,
+            threshold=hypothesis.threshold * self.unit,
+            score=hypothesis.score * self.unit,
+            alternatives=np.stack(others) if others else hypothesis.alternatives,
+        )
+
+
+def _some(points: Array) -> Array:
+    return points[:: max(1, len(points) // 20_000)]

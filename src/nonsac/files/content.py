@@ -1,0 +1,144 @@
+"""Read the bytes of a file and check them against what its suffix promises."""
+
+import re
+from pathlib import Path
+
+from nonsac.files.errors import FilePath, InputError, input_error
+
+_MARKS = {
+    b"\x93NUMPY": "NumPy array",
+    b"PK\x03\x04": "NumPy archive",
+    b"PK\x05\x06": "NumPy archive",
+    b"LASF": "LAS file",
+    b"PAR1": "Parquet file",
+    b"ARROW1": "Arrow file",
+    b"\x89HDF\r\n\x1a\n": "HDF5 file",
+    b"SQLite format 3\x00": "SQLite database",
+    b"\x89PNG": "PNG image",
+    b"\xff\xd8\xff": "JPEG image",
+    b"%PDF": "PDF document",
+    b"\x1f\x8b": "gzip archive",
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+}
+_USUAL_SUFFIX = {
+    "NumPy array": ".npy",
+    "NumPy archive": ".npz",
+    "LAS file": ".las",
+    "PLY file": ".ply",
+    "PCD file": ".pcd",
+    "text table": ".xyz",
+    "Parquet file": ".parquet",
+    "Arrow file": ".arrow",
+    "HDF5 file": ".h5",
+    "SQLite database": ".db",
+}
+_PLY_START = re.compile(rb"ply[ \t]*\r?\n")
+_PCD_START = re.compile(rb"#[ \t]*\.PCD|(?:#[^\n]*\n|\s)*(?:VERSION\s+[.\d]+|FIELDS|COLUMNS)\s")
+_NEVER_IN_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+_HEAD_LENGTH = 4096
+
+
+def read_content(path: FilePath, kind: str) -> bytes:
+    """Read a whole file that has to be of the given kind.
+
+    Parameters
+    ----------
+    path
+        The file to read.
+    kind
+        The kind its suffix promises: "PLY file", "PCD file", "NumPy array", "NumPy archive", "LAS file",
+        "Parquet file", "HDF5 file", "SQLite database" or "text table".
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is empty or is of another kind.
+    """
+    content = read_bytes(path)
+    _check_head(path, content, kind)
+    return content
+
+
+def read_bytes(path: FilePath) -> bytes:
+    """Read a whole file of any kind.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is empty.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return _not_empty(path, content)
+
+
+def check_kind(path: FilePath, kind: str) -> bytes:
+    """Check a file that a library then reads piece by piece, as `read_content` does, and return its first bytes.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is empty or is of another kind.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            head = file.read(_HEAD_LENGTH)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    _check_head(path, _not_empty(path, head), kind)
+    return head
+
+
+def unreadable(path: FilePath, error: OSError) -> InputError:
+    """Say why the system did not let a file be read."""
+    if isinstance(error, FileNotFoundError):
+        return input_error(path, "no such file", "check the path")
+    if Path(path).is_dir():
+        return input_error(path, "is a folder, not a file", "give the name of a file")
+    if isinstance(error, PermissionError):
+        return input_error(path, "permission denied", "make the file readable for you")
+    return input_error(path, f"cannot be read ({error.strerror or error})", "check the file and its disk")
+
+
+def content_kind(content: bytes) -> str:
+    """Name the kind of a file by its first bytes."""
+    if _PLY_START.match(content):
+        return "PLY file"
+    if _PCD_START.match(content[:_HEAD_LENGTH]):
+        return "PCD file"
+    for mark, kind in _MARKS.items():
+        if content.startswith(mark):
+            return kind
+    return "unknown binary file" if _NEVER_IN_TEXT.search(content[:_HEAD_LENGTH]) else "text table"
+
+
+def _not_empty(path: FilePath, content: bytes) -> bytes:
+    if not content:
+        raise input_error(path, "the file is empty", "write or copy it again")
+    return content
+
+
+def _check_head(path: FilePath, head: bytes, kind: str) -> None:
+    found = content_kind(head)
+    if found != kind:
+        problem = f"is not {with_article(kind)}, it looks like {with_article(found)}"
+        raise input_error(path, problem, _fix_for(found))
+
+
+def with_article(kind: str) -> str:
+    """The name of a kind with its indefinite article."""
+    return f"an {kind}" if kind.startswith(("u", "Arrow", "HDF5", "SQLite")) else f"a {kind}"
+
+
+def _fix_for(kind: str) -> str:
+    if kind in _USUAL_SUFFIX:
+        return f"if it is one, rename it to end in {_USUAL_SUFFIX[kind]}"
+    return "save it as UTF-8 text" if kind == "UTF-16 text" else "give a point cloud file"

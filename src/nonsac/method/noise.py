@@ -1,0 +1,89 @@
+"""How large the noise of the inliers is: measured on a model, and guessed before there is one."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import chdtri, xlogy
+
+from nonsac.estimators.contract import Estimator
+from nonsac.method.verdict import Residuals, chance_rate, paired_at_random
+from nonsac.problems.contract import Problem, residual_dimension
+from nonsac.result import Array, threshold_of
+
+__all__ = ["guessed_noise", "measured_noise"]
+
+_RUNGS = 4.0 ** -np.arange(1.0, 7.0)  # thresholds, as shares of the residuals of wrong rows
+_MODELS = 50
+_FALLBACK_SHARE = 0.01
+_LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
+_WINDOWS = 12
+
+
+def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> float:
+    """Standard deviation of the inliers of a model, from the median of the residuals beyond chance.
+
+    They are looked for within a threshold that is adjusted until it is five times the outcome. NaN where no residuals
+    are beyond chance.
+    """
+    ordered, by_chance = np.sort(residuals.of_rows), np.sort(residuals.by_chance)
+    expected = len(ordered) / len(by_chance) * np.searchsorted(by_chance, ordered, side="right")
+    beyond_chance = np.arange(1, len(ordered) + 1) - expected
+    median = np.sqrt(chdtri(dimension, 0.5))
+    window, noise = threshold, float("nan")
+    for _ in range(_WINDOWS):
+        within = int(np.searchsorted(ordered, window))
+        if not within or beyond_chance[within - 1] <= 0.0:
+            return noise
+        half = int(np.argmax(beyond_chance[:within] >= 0.5 * beyond_chance[within - 1]))
+        noise = float(ordered[half] / median)
+        if ordered[half] > 0.35 * window:  # they go on beyond the window
+            window *= 2.0
+        elif abs(threshold_of(noise) - window) < 0.1 * window:
+            break
+        else:
+            window = max(threshold_of(noise), 1e-300)
+    return noise
+
+
+def guessed_noise(problem: Problem, estimator: Estimator, rows: Array, rng: np.random.Generator) -> float:
+    """A noise level at which an estimate from these rows is least likely to come about by chance.
+
+    Thresholds from a quarter of the residuals of wrong rows downwards are tried, each with an estimate of its
+    own; the number of inliers is compared with that among the same rows paired at random (Moisan and Stival, IJCV
+    2004). Where no estimate means anything, a hundredth of those residuals, or 1 where the rows have no extent.
+    """
+    unit = _residuals_of_wrong_rows(problem, rows, rng)
+    if not (np.isfinite(unit) and unit > 0.0):
+        return 1.0
+    best, least = _FALLBACK_SHARE * unit, 0.0
+    for threshold in unit * _RUNGS:
+        hypothesis = estimator.estimate(problem, rows, float(threshold), rng)
+        if not hypothesis.found:
+            continue
+        residuals = Residuals.of(problem, hypothesis.model, rows)
+        rate = chance_rate(residuals.by_chance, float(threshold))
+        meaning = _log_chance(hypothesis.num_inliers - problem.minimal_size, len(rows), rate)
+        if meaning < least:
+            best, least = measured_noise(residuals, float(threshold), residual_dimension(problem)), meaning
+            if not np.isfinite(best):
+                best = float(threshold) / 5.0
+    return max(best, _LEAST_SHARE * unit)
+
+
+def _residuals_of_wrong_rows(problem: Problem, rows: Array, rng: np.random.Generator) -> float:
+    """What residuals rows without a match have, typically."""
+    if len(rows) <= problem.minimal_size:
+        return float("nan")
+    samples = np.stack([rng.choice(len(rows), problem.minimal_size, replace=False) for _ in range(_MODELS)])
+    models = problem.solve_minimal(rows[samples])
+    residuals = problem.residuals(models, paired_at_random(problem, rows, 500)) if len(models) else np.empty(0)
+    finite = residuals[np.isfinite(residuals)]
+    return float(np.median(finite)) if len(finite) else float("nan")
+
+
+def _log_chance(inliers: int, rows: int, rate: float) -> float:
+    """Upper bound of the logarithm of a binomial tail (Hoeffding 1963): 0 where there are no more than expected."""
+    share = inliers / rows
+    if share <= rate:
+        return 0.0
+    return -rows * float(xlogy(share, share / rate) + xlogy(1.0 - share, (1.0 - share) / (1.0 - rate)))

@@ -1,0 +1,239 @@
+"""The paper's rules for choosing one of m hypotheses (Lee, Vandewalle and Civera, Sec. 3.2).
+
+A rule gives every hypothesis a score, the larger the better, and the best one is selected; ties go to the earlier
+sample. Two slips in the paper's text are resolved as its formulas and results imply: the pair cost is *maximised*,
+and the sum of the TLP cost runs over the rows of the hypothesis' own sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nonsac.problems.contract import Problem
+from nonsac.result import Array, Hypothesis
+
+
+@runtime_checkable
+class ScoringRule(Protocol):
+    """Scores hypotheses against each other; the highest score wins."""
+
+    @property
+    def name(self) -> str:
+        """How the rule is called in files and on the command line."""
+        ...
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        """One score for each hypothesis, -inf for those that must not win."""
+        ...
+
+
+def select(rule: ScoringRule, hypotheses: Sequence[Hypothesis], problem: Problem) -> tuple[int, Array]:
+    """The best hypothesis' index and the scores of all; hypotheses without a model never beat one with."""
+    scores = np.asarray(rule.scores(hypotheses, problem), np.float64).copy()
+    found = np.array([h.found for h in hypotheses])
+    scores[~found | np.isnan(scores)] = -np.inf
+    if not np.isfinite(scores).any() and found.any():  # no pair or no inliers to go by
+        scores[found] = _inlier_counts(hypotheses)[found]
+    return int(np.argmax(scores)), scores
+
+
+@dataclass(frozen=True)
+class Ideal:
+    """The hypothesis closest to the truth: for studies, as an upper bound of what selection can reach."""
+
+    truth: Array
+    name: str = "ideal"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        return -problem.distance(_models(hypotheses), self.truth[:3])
+
+
+@dataclass(frozen=True)
+class MostInliers:
+    """The hypothesis with the most inliers in its own sample."""
+
+    name: str = "most_inliers"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        return _inlier_counts(hypotheses)
+
+
+@dataclass(frozen=True)
+class FixedSample:
+    """One sample only, searched with the budget of all m: a way of sampling rather than a rule (Sec. 3.2, item 2)."""
+
+    name: str = "fixed"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        return _inlier_counts(hypotheses)
+
+    def plan(self, samples: int, estimator: Any) -> tuple[int, Any]:
+        """One sample, and the estimator with `samples` times the budget."""
+        return 1, estimator.with_budget(samples)
+
+
+@dataclass(frozen=True)
+class ClosestPair:
+    """Of the two models closest to each other, the one with more inliers."""
+
+    name: str = "closest_pair"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        distances = _distances(hypotheses, problem)
+        best = np.unravel_index(np.argmin(distances), distances.shape)
+        return _restricted(_inlier_counts(hypotheses), best)
+
+
+@dataclass(frozen=True)
+class ClosestTriplet:
+    """Of the three models with the smallest largest distance between two of them, the one with the most inliers."""
+
+    name: str = "closest_triplet"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        counts = _inlier_counts(hypotheses)
+        m = len(hypotheses)
+        if m < 3:
+            return counts
+        distances = _distances(hypotheses, problem)
+        largest = np.full((m, m, m), np.inf)
+        i, j, k = (index.ravel() for index in np.meshgrid(*[np.arange(m)] * 3, indexing="ij"))
+        ordered = (i < j) & (j < k)
+        i, j, k = i[ordered], j[ordered], k[ordered]
+        largest[i, j, k] = np.maximum(np.maximum(distances[i, j], distances[i, k]), distances[j, k])
+        return _restricted(counts, np.unravel_index(np.argmin(largest), largest.shape))
+
+
+@dataclass(frozen=True)
+class MinimumQuantile:
+    """The smallest quantile of the inlier residuals: 0.5 is the median, 0.75 the upper quartile."""
+
+    quantile: float
+    name: str
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        inliers = [h.inlier_residuals for h in hypotheses]
+        return np.array([-np.quantile(r, self.quantile) if r.size else -np.inf for r in inliers])
+
+
+@dataclass(frozen=True)
+class MinimumMean:
+    """The smallest mean of the inlier residuals."""
+
+    name: str = "minimum_mean"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        inliers = [h.inlier_residuals for h in hypotheses]
+        return np.array([-r.mean() if r.size else -np.inf for r in inliers])
+
+
+@dataclass(frozen=True)
+class PairCost:
+    """Of the pair (i, j) that maximises max(n_i, n_j) / d_ij^k, the model with more inliers (Eq. 1).
+
+    Two equal models (d = 0) win over all pairs of unequal ones; among several such pairs the inliers decide.
+    """
+
+    k: float
+
+    @property
+    def name(self) -> str:
+        return f"pair_{self.k:g}"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        counts = _inlier_counts(hypotheses)
+        distances = _distances(hypotheses, problem)
+        with np.errstate(divide="ignore"):
+            logs = np.log(np.maximum(counts[:, None], counts[None, :]))
+        costs = logs - self.k * np.log(np.maximum(distances, np.finfo(np.float64).tiny))
+        best = np.unravel_index(np.argmax(costs), costs.shape)
+        return _restricted(counts, best)
+
+
+@dataclass(frozen=True)
+class TruncatedLp:
+    """The smallest sum of min(|r|^p, threshold^p) over the rows of the hypothesis' own sample (Eq. 2)."""
+
+    p: float = 0.1
+
+    @property
+    def name(self) -> str:
+        return f"tlp_{self.p:g}"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        rows = max(len(h.residuals) for h in hypotheses)
+        return -np.array([self._cost(h, rows) for h in hypotheses])
+
+    def _cost(self, h: Hypothesis, rows: int) -> float:
+        """Rows that a sample lacks count as outliers, as residuals of NaN do."""
+        truncated = np.fmin(np.abs(h.residuals), h.threshold) ** self.p
+        return float(truncated.sum() + (rows - len(truncated)) * h.threshold**self.p)
+
+
+PAIR_COST_EXPONENTS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+TRUNCATED_LP_EXPONENTS = (0.01, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
+
+
+def paper_rules() -> tuple[ScoringRule, ...]:
+    """The rules of Table 4, rows 2 to 20, in its order (row 1 is `Ideal`, which needs the truth)."""
+    return (
+        MostInliers(),
+        ClosestPair(),
+        ClosestTriplet(),
+        MinimumMean(),
+        MinimumQuantile(0.5, "minimum_median"),
+        MinimumQuantile(0.75, "minimum_q3"),
+        *(PairCost(k) for k in PAIR_COST_EXPONENTS),
+        *(TruncatedLp(p) for p in TRUNCATED_LP_EXPONENTS),
+    )
+
+
+def by_name(name: object) -> ScoringRule:
+    """The rule with this name in files and on the command line: `most_inliers`, `pair_0.1`, `tlp_0.1`, ..."""
+    for rule in (*paper_rules(), FixedSample()):
+        if rule.name == name:
+            return rule
+    kind, _, exponent = str(name).partition("_")
+    if kind in ("pair", "tlp"):
+        try:
+            value = float(exponent)
+        except ValueError:
+            value = float("nan")
+        if 0 < value < float("inf"):
+            return PairCost(value) if kind == "pair" else TruncatedLp(value)
+    known = ", ".join(rule.name for rule in (*paper_rules(), FixedSample()))
+    raise ValueError(f"rule must be one of {known} or a rule object, got {name!r}")
+
+
+def scored(hypotheses: Sequence[Hypothesis], scores: Array) -> tuple[Hypothesis, ...]:
+    return tuple(replace(h, score=float(s)) for h, s in zip(hypotheses, scores, strict=True))
+
+
+def _models(hypotheses: Sequence[Hypothesis]) -> Array:
+    return np.stack([h.model for h in hypotheses])
+
+
+def _inlier_counts(hypotheses: Sequence[Hypothesis]) -> Array:
+    return np.array([h.num_inliers for h in hypotheses], np.float64)
+
+
+def _distances(hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+    """Distances between all models (m, m); infinite to themselves and to hypotheses without a model."""
+    models = _models(hypotheses)
+    distances = problem.distance(models[:, None], models[None, :])
+    distances = np.where(np.isfinite(distances), distances, np.inf)
+    np.fill_diagonal(distances, np.inf)
+    return distances
+
+
+def _restricted(scores: Array, allowed: Sequence[Any] | NDArray[np.intp]) -> Array:
+    """The scores of the allowed hypotheses, -inf for the others."""
+    result = np.full_like(scores, -np.inf)
+    indices = np.asarray(allowed)
+    result[indices] = scores[indices]
+    return result

@@ -1,0 +1,186 @@
+"""Sources in place of arrays, in the calls of the library."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import nonsac
+from nonsac import ArraySource, MappedSource, simulate
+from nonsac.calls.rows import rows_of_source, spread_rows
+from nonsac.layouts import MATCHES, POINTS
+from nonsac.sources.columns import pick_columns
+
+BENT = nonsac.Camera("OPENCV", (500, 510, 495, 505, -0.1, 0.02, 0.002, -0.001), 1000, 1020)
+OTHER = nonsac.Camera("PINHOLE", (600, 610, 640, 615), 1280, 1240)
+N = 3000
+WEIGHTS = np.linspace(0.1, 1.0, N)
+
+
+class Named(ArraySource):
+    """Rows of which the columns have names, in any order, among others."""
+
+    def __init__(self, rows, names):
+        super().__init__(rows)
+        self.names = tuple(names)
+
+
+def views():
+    found = simulate.relative_pose(N, 0.5, 0.001, 1)
+    return BENT.project(found.points1), OTHER.project(found.points2)
+
+
+def same(a, b):
+    np.testing.assert_array_equal(a.T, b.T)
+    np.testing.assert_array_equal(a.residuals, b.residuals)
+    assert (a.status, a.confidence, a.num_inliers) == (b.status, b.confidence, b.num_inliers)
+
+
+@pytest.mark.parametrize("weights", [None, WEIGHTS])
+def test_relative_pose_of_a_source_is_that_of_the_arrays(weights):
+    a, b = views()
+    rows = np.hstack([a, b] if weights is None else [a, b, weights[:, None]])
+    expected = nonsac.relative_pose(a, b, BENT, OTHER, noise=0.5, weights=weights)
+    assert expected.success
+    same(nonsac.relative_pose(ArraySource(rows), camera1=BENT, camera2=OTHER, noise=0.5), expected)
+
+
+@pytest.mark.parametrize("weights", [None, WEIGHTS])
+def test_absolute_pose_of_a_source_is_that_of_the_arrays(weights):
+    scene = simulate.absolute_pose(N, 0.5, 0.001, 1)
+    image = BENT.project(scene.points2d)
+    rows = np.hstack([image, scene.points3d] if weights is None else [image, scene.points3d, weights[:, None]])
+    expected = nonsac.absolute_pose(image, scene.points3d, BENT, noise=0.5, weights=weights)
+    assert expected.success
+    same(nonsac.absolute_pose(ArraySource(rows), camera=BENT, noise=0.5), expected)
+
+
+@pytest.mark.parametrize("weights", [None, WEIGHTS])
+@pytest.mark.parametrize("scale", [1.0, None])
+def test_pairs_of_a_source_are_registered_as_the_arrays(weights, scale):
+    pairs = simulate.registration(N, 0.5, 0.01, 1)
+    both = [pairs.source, pairs.target]
+    rows = np.hstack(both if weights is None else [*both, weights[:, None]])
+    expected = nonsac.register_pairs(*both, noise=0.01, weights=weights, scale=scale)
+    assert expected.success
+    same(nonsac.register_pairs(ArraySource(rows), noise=0.01, scale=scale), expected)
+
+
+def test_columns_with_the_standard_names_are_picked_wherever_they_are():
+    a, b = views()
+    rows = np.hstack([np.full((N, 1), np.nan), b, WEIGHTS[:, None], a])
+    source = Named(rows, ("id", "x2", "y2", "weight", "x1", "y1"))
+    same(
+        nonsac.relative_pose(source, camera1=BENT, camera2=OTHER, noise=0.5),
+        nonsac.relative_pose(a, b, BENT, OTHER, noise=0.5, weights=WEIGHTS),
+    )
+
+
+def test_the_case_of_names_makes_no_difference():
+    a, b = views()
+    source = Named(np.hstack([b, a]), ("X2", "Y2", "X1", "Y1"))
+    same(
+        nonsac.relative_pose(source, camera1=BENT, camera2=OTHER, noise=0.5),
+        nonsac.relative_pose(a, b, BENT, OTHER, noise=0.5),
+    )
+
+
+@pytest.mark.parametrize("names", [("id", "x1", "y1", "x2"), ("id", "x1", "y1", "x2", "other"), ("y1", "x1", "p", "q")])
+def test_standard_names_at_other_places_are_not_read_by_position(names):
+    with pytest.raises(ValueError, match=r"of which none is called .*y2; rename the columns, or choose others"):
+        pick_columns(Named(np.zeros((9, len(names))), names), MATCHES)
+
+
+@pytest.mark.parametrize("names", [("a", "b", "c", "d"), ("x1", "y1", "u", "v"), ("a", "b", "c", "d", "weight")])
+def test_columns_of_other_names_are_taken_in_their_order(names):
+    source = Named(np.zeros((9, len(names))), names)
+    assert pick_columns(source, MATCHES) is source
+
+
+def test_a_table_on_disk(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    scene = simulate.absolute_pose(N, 0.5, 0.001, 1)
+    columns = {"word": ["a"] * N, "z": scene.points3d[:, 2], "y": scene.points3d[:, 1], "x": scene.points3d[:, 0]}
+    columns |= {"v": scene.points2d[:, 1], "u": scene.points2d[:, 0], "other": np.full(N, np.nan)}
+    parquet.write_table(pa.table(columns), tmp_path / "rows.parquet", row_group_size=1000)
+    source = nonsac.open_source(tmp_path / "rows.parquet")
+    same(
+        nonsac.absolute_pose(source, noise=0.001),
+        nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001),
+    )
+    assert pick_columns(source, POINTS).names == ("u", "v", "x", "y", "z")
+
+
+def test_only_a_few_rows_are_looked_at_before():
+    seen = []
+    rows = ArraySource(np.zeros((10_000, 5)))
+    given = rows_of_source(MappedSource(rows, lambda taken: seen.append(len(taken)) or taken), MATCHES, "points1")
+    assert max(seen) == 1000
+    assert [part.shape for part in given.parts] == [(1000, 2), (1000, 2)]
+    assert given.weighted
+
+
+def test_what_passes_through_the_cameras_travels():
+    given = rows_of_source(ArraySource(np.hstack(views())), MATCHES, "points1")
+    source = pickle.loads(pickle.dumps(given.through([BENT.normalise, None])))
+    np.testing.assert_array_equal(source.take(np.array([3]))[:, :2], BENT.normalise(views()[0][[3]]))
+    assert given.through([None, None]) is given.source
+
+
+def test_pixels_without_a_camera_are_noticed():
+    a, b = views()
+    rows = ArraySource(np.hstack([a, OTHER.normalise(b)]))
+    with pytest.warns(UserWarning, match="points1 look like pixels"):
+        assert not nonsac.relative_pose(rows, samples=1).success
+
+
+def test_rows_that_are_not_finite_are_dropped():
+    pairs = simulate.registration(N, 0.5, 0.01, 1)
+    rows = np.hstack([pairs.source, pairs.target])
+    rows[::10] = np.nan
+    with pytest.warns(UserWarning, match=r"dropped \d+ sampled rows with NaN"):
+        assert nonsac.register_pairs(ArraySource(rows), noise=0.01).success
+
+
+class Blocks(ArraySource):
+    def __init__(self, starts):
+        super().__init__(np.zeros((starts[-1], 4)))
+        self.block_starts = np.array(starts)
+
+
+def test_rows_spread_over_a_source():
+    assert spread_rows(ArraySource(np.zeros((10, 1))), 4, 8).tolist() == [0, 2, 5, 7]
+    assert spread_rows(ArraySource(np.zeros((3, 1))), 4, 8).tolist() == [0, 1, 2]
+    assert spread_rows(ArraySource(np.zeros((0, 1))), 4, 8).tolist() == []
+    assert spread_rows(Blocks([0, 5, 5, 8]), 99, 8).tolist() == list(range(8))
+    found = spread_rows(Blocks([0, *range(100, 100_001, 100)]), 400, 8)
+    assert len(found) == len(set(found)) == 400
+    assert len(set(found // 100)) == 8
+    assert found.max() - found.min() > 80_000
+
+
+def test_what_does_not_fit_is_refused():
+    source = ArraySource(np.zeros((10, 7)))
+    for call, name, columns in (
+        (nonsac.relative_pose, "points1", r"4 \(x1 y1 x2 y2\), or 5"),
+        (nonsac.absolute_pose, "points2d", r"5 \(u v X Y Z\), or 6"),
+    ):
+        with pytest.raises(ValueError, match=rf"{name} is a source with rows of 7 columns, not of {columns}"):
+            call(source)
+    with pytest.raises(ValueError, match=r"source is a source with rows of 4 columns, not of 6 \(x1 y1 z1 x2 y2 z2\)"):
+        nonsac.register_pairs(ArraySource(np.zeros((10, 4))))
+    named = Named(np.zeros((10, 3)), ("a", "b", "x1"))
+    with pytest.raises(ValueError, match=r"points1 is a source with rows of 3 columns \(a b x1\), not of 4"):
+        nonsac.relative_pose(named)
+    with pytest.raises(ValueError, match="points2 must be left out where points1 is a source"):
+        nonsac.relative_pose(source, np.zeros((10, 2)))
+    with pytest.raises(ValueError, match="weights must be left out where source is a source"):
+        nonsac.register_pairs(source, weights=np.ones(10))
+    for call, name in (
+        (nonsac.relative_pose, "points2"),
+        (nonsac.absolute_pose, "points3d"),
+        (nonsac.register_pairs, "target"),
+    ):
+        with pytest.raises(TypeError, match=f"{name} must be an array of real numbers"):
+            call(np.zeros((10, 3 if name == "target" else 2)))

@@ -1,0 +1,229 @@
+import inspect
+
+import numpy as np
+import pytest
+
+import naive
+from nonsac import register_pairs
+from nonsac.method import refine
+from nonsac.method.refine import AsSelected, Refiner, UnionRefit, biweight_costs, by_name, reweighted_fit
+from nonsac.method.verdict import judge_rows
+from nonsac.problems import Registration
+from nonsac.result import Hypothesis, Status
+
+THRESHOLD = 0.1
+
+
+@pytest.fixture
+def scene(rng):
+    """A motion, 400 rows of which half are right, and four hypotheses: off by little, far off, none, further off."""
+    model = naive.random_model(rng)
+    rows = naive.matching_rows(rng, 400, model, noise=0.02)
+    rows[200:, 3:] = rng.uniform(-3, 3, (200, 3))
+    shifts = [0.05, 2.0, np.nan, 0.08]
+    hypotheses = []
+    for i, shift in enumerate(shifts):
+        found = np.isfinite(shift)
+        off = model + shift * np.array([[0, 0, 0, 1.0]] * 3)
+        residuals = naive.residuals(off, rows) if found else np.full(400, np.inf)
+        hypotheses.append(Hypothesis(off, residuals, THRESHOLD, sample=i, tested=10))
+    return model, rows, hypotheses
+
+
+def refined(refiner, scene, winner):
+    _, rows, hypotheses = scene
+    return refiner.refine(Registration(), hypotheses, winner, lambda at_least=0: rows, THRESHOLD)
+
+
+def test_union_refit_is_the_robust_fit_to_all_rows(scene):
+    model, rows, _ = scene
+    refinement = refined(UnionRefit(), scene, 0)
+    best = naive.kabsch(rows[:200], np.ones(200))
+    assert refinement.status is Status.OK
+    assert np.abs(refinement.model - best).max() < 0.005
+    assert np.abs(refinement.model - model).max() < 0.01
+    assert (refinement.num_inliers, refinement.num_rows) == (
+        (naive.residuals(refinement.model, rows) < THRESHOLD).sum(),
+        400,
+    )
+
+
+def test_union_refit_does_not_depend_on_a_wrong_winner(scene):
+    np.testing.assert_array_equal(refined(UnionRefit(), scene, 1).model, refined(UnionRefit(), scene, 0).model)
+
+
+@pytest.mark.parametrize("candidates", [1, 2, 10])
+@pytest.mark.parametrize("iterations", [0, 1, 20])
+def test_union_refit_is_never_worse_than_any_hypothesis(scene, candidates, iterations):
+    _, rows, hypotheses = scene
+    model = refined(UnionRefit(candidates, iterations), scene, 0).model
+    costs = [(np.minimum(naive.residuals(m, rows), THRESHOLD) ** 2).sum()
+             for m in (model, *(h.model for h in hypotheses if h.found))]  # fmt: skip
+    assert costs[0] <= min(costs[1:]) + 1e-12
+
+
+def test_as_selected_returns_the_winner_judged(scene):
+    _, rows, hypotheses = scene
+    refinement = refined(AsSelected(), scene, 1)
+    np.testing.assert_array_equal(refinement.model, hypotheses[1].model)
+    assert refinement.status is Status.LOW_SUPPORT
+    assert refinement.num_inliers == (naive.residuals(hypotheses[1].model, rows) < THRESHOLD).sum()
+
+
+@pytest.mark.parametrize("refiner", [AsSelected(), UnionRefit()], ids=["none", "union"])
+def test_all_models_that_were_compared_count_in_the_verdict(refiner, scene, monkeypatch):
+    told = []
+
+    def spy(problem, model, rows, threshold, tested, *rest):
+        told.append(tested)
+        return judge_rows(problem, model, rows, threshold, tested, *rest)
+
+    monkeypatch.setattr(refine, "judge_rows", spy)
+    refined(refiner, scene, 0)
+    assert set(told) == {40}
+
+
+class WithRefit(naive.Shift):
+    """Shifts, with a refit of the test's own."""
+
+    def __init__(self, fitted):
+        self.fitted = fitted
+
+    def refit(self, model, rows, weights):
+        return naive.shift_model(self.fitted(model[0, 3]))
+
+
+def shifts(*places):
+    """Rows whose true shift is 0, of unequal support near other places, and hypotheses at the given places."""
+    rows = np.column_stack([np.zeros(60), np.r_[np.linspace(-0.02, 0.02, 40), np.full(20, 5.0)]])
+    models = [naive.shift_model(place) for place in places]
+    residuals = [naive.Shift().residuals(model[None], rows)[0] for model in models]
+    return rows, [Hypothesis(m, r, THRESHOLD) for m, r in zip(models, residuals, strict=True)]
+
+
+def test_a_fit_that_makes_things_worse_is_not_taken():
+    rows, hypotheses = shifts(0.01, 0.05)
+    problem = WithRefit(lambda start: 1000.0)
+    assert UnionRefit().refine(problem, hypotheses, 0, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.01
+
+
+def test_several_hypotheses_are_fitted_and_the_best_fit_is_taken():
+    rows, hypotheses = shifts(0.02, 0.05, 5.0)
+    problem = WithRefit(lambda start: 0.0 if start == 0.05 else start)
+    assert UnionRefit().refine(problem, hypotheses, 2, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.0
+    assert (
+        UnionRefit(candidates=1).refine(problem, hypotheses, 2, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.02
+    )
+
+
+def test_polishing_fits_the_winner_to_more_rows_than_the_union():
+    rows, hypotheses = shifts(0.01)
+    more = np.vstack([rows, rows + np.array([0.0, 0.01])])
+    asked = []
+
+    def union(at_least=0):
+        asked.append(at_least)
+        return more if at_least else rows
+
+    refinement = UnionRefit(polish_rows=120).refine(naive.Shift(), hypotheses, 0, union, THRESHOLD)
+    assert asked == [0, 120]
+    assert refinement.num_rows == len(more)
+    np.testing.assert_allclose(refinement.model[0, 3], 0.005, atol=1e-4)
+    np.testing.assert_allclose(
+        UnionRefit().refine(naive.Shift(), hypotheses, 0, union, THRESHOLD).model[0, 3], 0, atol=1e-4
+    )
+
+
+def test_biweight_costs_equal_their_definition(scene):
+    _, rows, hypotheses = scene
+    models = np.stack([h.model for h in hypotheses])
+    expected = [
+        sum(1 - (1 - min(r / THRESHOLD, 1) ** 2) ** 3 for r in naive.residuals(m, rows))
+        if np.isfinite(m).all()
+        else np.inf
+        for m in models
+    ]
+    np.testing.assert_allclose(biweight_costs(Registration(), models, rows, THRESHOLD), expected)
+
+
+def test_reweighted_fit_is_a_fixed_point_of_tukeys_weights(scene):
+    _, rows, hypotheses = scene
+    fitted = reweighted_fit(Registration(), hypotheses[0].model, rows, THRESHOLD, 100)
+    ratio = naive.residuals(fitted, rows) / THRESHOLD
+    weights = np.where(ratio < 1, (1 - ratio**2) ** 2, 0)
+    np.testing.assert_allclose(fitted, naive.kabsch(rows, weights), atol=1e-7)
+
+
+def test_reweighted_fit_without_enough_inliers_leaves_the_model(scene):
+    _, rows, hypotheses = scene
+    far = hypotheses[1].model + 50.0
+    np.testing.assert_array_equal(reweighted_fit(Registration(), far, rows, THRESHOLD, 20), far)
+
+
+@pytest.mark.parametrize("wrong", ["icp", "Union", ""])
+def test_unknown_names_are_refused_and_the_known_ones_listed(wrong):
+    with pytest.raises(ValueError, match='refine must be "union", "polish", "full", "none" or a Refiner'):
+        by_name(wrong)
+
+
+def test_names_find_refiners():
+    assert by_name("union") == UnionRefit()
+    assert by_name("polish") == UnionRefit(polish_rows=100_000)
+    assert by_name("none") == AsSelected()
+
+
+CLASSES = [
+    c
+    for _, c in inspect.getmembers(refine, inspect.isclass)
+    if c.__module__ == "nonsac.method.refine" and hasattr(c, "refine") and c is not Refiner
+]
+
+
+@pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__name__)
+def test_conformance(kind, scene):
+    refiner = kind()
+    assert isinstance(refiner, Refiner)
+    refinement = refined(refiner, scene, 0)
+    assert refinement.model.shape == (3, 4)
+    assert 0 <= refinement.confidence <= 1
+    assert 0 <= refinement.num_inliers <= refinement.num_rows == 400
+
+
+# --- other answers ----------------------------------------------------------------------------------------------------
+
+
+def two_motions(rng, second):
+    """Pairs of which 400 follow one motion and so many another."""
+    models = [naive.random_model(rng, spread=0.0) for _ in range(2)]
+    a = rng.uniform(-1, 1, (4000, 3))
+    b = rng.uniform(-1, 1, (4000, 3))
+    for model, part in zip(models, (slice(0, 400), slice(400, 400 + second)), strict=True):
+        b[part] = naive.moved(model, a[part])
+    rows = np.hstack([a, b + 0.01 * rng.standard_normal(b.shape)])
+    return models, rows[rng.permutation(4000)]
+
+
+@pytest.mark.parametrize(("second", "status"), [(0, Status.OK), (100, Status.OK), (390, Status.AMBIGUOUS)])
+def test_a_second_motion_is_an_alternative_and_one_as_frequent_makes_the_answer_ambiguous(rng, second, status):
+    models, rows = two_motions(rng, second)
+    problem = Registration()
+    hypotheses = [Hypothesis(m, problem.residuals(m[None], rows)[0], 0.05, tested=50) for m in models]
+    refinement = UnionRefit().refine(problem, hypotheses, 0, lambda at_least=0: rows, 0.05)
+    assert refinement.status is status
+    assert naive.angle_between(refinement.model, models[0]) < 1.0
+    assert [naive.angle_between(a.T, models[1]) < 2.0 for a in refinement.alternatives] == [True] * bool(second)
+    assert [a.support for a in refinement.alternatives] == pytest.approx([second / 4000] * bool(second), rel=0.15)
+    assert refinement.confidence == 0.5 if status is Status.AMBIGUOUS else refinement.confidence > 0.99
+
+
+def test_two_motions_in_one_call_are_ambiguous(rng):
+    models, rows = two_motions(rng, 390)
+    result = register_pairs(rows[:, :3], rows[:, 3:], noise=0.01, samples=6, sample_size=600)
+    assert result.status is Status.AMBIGUOUS
+    found = [result.T[:3], result.alternatives[0].T[:3]]
+    assert {int(np.argmin([naive.angle_between(model, m) for m in models])) for model in found} == {0, 1}
+
+
+def test_inliers_beyond_a_threshold_that_is_too_small_are_no_second_motion(rng):
+    _, rows = two_motions(rng, 0)
+    assert register_pairs(rows[:, :3], rows[:, 3:], noise=0.002).alternatives == ()

@@ -1,0 +1,191 @@
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import naive
+from nonsac.method import verdict as verdicts
+from nonsac.method.verdict import Residuals, chance_residuals, judge_rows
+from nonsac.problems import Registration, Weighted
+from nonsac.result import Status
+
+THRESHOLD = 0.1
+
+
+def scene(seed, n=500, right=50):
+    """A motion and rows in a box of side 2, of which the first are right."""
+    rng = np.random.default_rng(seed)
+    model = naive.random_model(rng, spread=0.0)
+    a = rng.uniform(-1, 1, (n, 3))
+    b = rng.uniform(-1, 1, (n, 3))
+    b[:right] = naive.moved(model, a[:right]) + 0.02 * rng.standard_normal((right, 3))
+    return model, np.hstack([a, b])
+
+
+def chance_rate(problem, model, rows, threshold):
+    return verdicts.chance_rate(chance_residuals(problem, model, rows), threshold)
+
+
+def judge(model, rows, tested=1000):
+    return judge_rows(Registration(), model, rows, THRESHOLD, tested)
+
+
+def test_many_right_rows_are_trusted():
+    verdict = judge(*scene(0))
+    assert verdict.status is Status.OK
+    assert verdict.confidence > 0.99
+
+
+def test_no_right_rows_are_not_trusted():
+    for seed in range(20):
+        verdict = judge(*scene(seed, right=0))
+        assert verdict.status is Status.LOW_SUPPORT
+        assert verdict.confidence < 0.5
+
+
+@pytest.mark.parametrize("right", [0, 1, 2, 3])
+def test_no_more_than_a_minimal_sample_supports_nothing(right):
+    model, rows = scene(1, n=10, right=right)
+    rows[right:, 3:] += 100.0
+    verdict = judge(model, rows)
+    assert (verdict.status, verdict.confidence) == (Status.LOW_SUPPORT, 0.0)
+
+
+def test_collinear_inliers_are_degenerate():
+    rng = np.random.default_rng(0)
+    model = naive.random_model(rng)
+    a = np.linspace(-1, 1, 100)[:, None] * [1.0, 0.0, 0.0]
+    verdict = judge(model, np.hstack([a, naive.moved(model, a)]))
+    assert (verdict.status, verdict.confidence) == (Status.DEGENERATE, 0.0)
+
+
+def test_the_chance_is_a_binomial_tail_times_the_number_of_models():
+    model, rows = scene(3, right=7)
+    inliers = (naive.residuals(model, rows) < THRESHOLD).sum()
+    rate = chance_rate(Registration(), model, rows, THRESHOLD)
+    for tested in (1, 2, 50):
+        chance = tested * sum(binom.pmf(k, len(rows) - 3, rate) for k in range(inliers - 3, len(rows)))
+        assert chance > 1e-9
+        confidence = 1 - min(1, chance) ** (np.log(0.5) / np.log(1e-6))
+        assert judge(model, rows, tested).confidence == pytest.approx(confidence, abs=1e-6)
+
+
+def test_inliers_that_share_a_point_count_once():
+    model, rows = scene(3, right=8)
+    once = judge(model, rows)
+    inliers = rows[naive.residuals(model, rows) < THRESHOLD]
+    again = judge(model, np.vstack([rows, *[inliers] * 20]))
+    assert again.confidence <= once.confidence
+
+
+def test_more_tested_models_lower_the_confidence():
+    model, rows = scene(3, right=12)
+    confidences = [judge(model, rows, tested).confidence for tested in (1, 10**3, 10**6, 10**12, 10**18)]
+    assert confidences == sorted(confidences, reverse=True)
+    assert confidences[-1] < confidences[0]
+
+
+def test_the_chance_rate_is_the_share_of_wrong_rows_within_the_threshold():
+    """Uniform points in a box of side 2: a ball of radius .1 around the moved point holds .1^3 4/3 pi / 8 of it."""
+    rng = np.random.default_rng(0)
+    a = rng.uniform(-0.8, 0.8, (3000, 3))
+    rows = np.hstack([a, rng.uniform(-1, 1, (3000, 3))])
+    rate = chance_rate(Registration(), np.eye(4)[:3], rows, 0.1)
+    assert rate == pytest.approx(4 / 3 * np.pi * 0.1**3 / 8, rel=0.5)
+
+
+def test_right_rows_do_not_raise_the_chance_rate():
+    model, rows = scene(0, right=0)
+    _, matched = scene(0, right=500)
+    rates = [chance_rate(Registration(), model, r, THRESHOLD) for r in (rows, matched)]
+    assert rates[1] < 0.01
+    assert rates[0] < 0.01
+
+
+@pytest.mark.parametrize("n", [2, 4, 5, 30])
+def test_no_row_keeps_its_own_partner_in_the_chance_rate(n):
+    """With exact rows far apart, only a row's own partner could count: half a count remains."""
+    a = 100.0 * np.arange(n)[:, None] * [1.0, 0.0, 0.0]
+    rate = chance_rate(Registration(), np.eye(4)[:3], np.hstack([a, a]), THRESHOLD)
+    assert 0 < rate < 1e-4
+
+
+def test_the_chance_rate_is_the_same_each_time():
+    model, rows = scene(2)
+    assert chance_rate(Registration(), model, rows, 0.3) == chance_rate(Registration(), model, rows, 0.3)
+
+
+def test_verdicts_are_calibrated_on_random_rows():
+    """The best of many random models, corrected for their number: a chance below 1 % comes up in about 1 % of cases."""
+    low = 0
+    for seed in range(100):
+        rng = np.random.default_rng([9, seed])
+        rows = rng.uniform(-1, 1, (300, 6))
+        models = np.stack([naive.random_model(rng, spread=0.3) for _ in range(40)])
+        best = models[np.argmax(Registration().count_inliers(models, rows, 0.3))]
+        low += judge_rows(Registration(), best, rows, 0.3, 40).confidence > 0.99
+    assert low <= 5
+
+
+# --- right in part only -----------------------------------------------------------------------------------------------
+
+
+def spread_scene(rng, width, n=4000, right=400):
+    """Shifts of 3, of which the residuals spread over a share of the threshold, evenly or as the noise does."""
+    rows = np.column_stack([rng.uniform(-1, 1, n), rng.uniform(-3, 9, n)])
+    rows[:right, 1] = rows[:right, 0] + 3.0 + THRESHOLD * width * rng.standard_normal(right)
+    return naive.shift_model(3.0)[None][0], rows
+
+
+@pytest.mark.parametrize(("width", "trusted"), [(0.2, True), (0.1, True), (0.5, False), (1.0, False)])
+def test_inliers_that_spread_over_the_threshold_are_not_trusted(rng, width, trusted):
+    verdict = judge_rows(naive.Shift(), *spread_scene(rng, width), THRESHOLD, 1)
+    assert (verdict.status is Status.OK) is trusted
+    assert (verdict.remarks == ()) is trusted
+    assert (verdict.confidence > 0.99) if trusted else (verdict.confidence < 0.5)
+
+
+def test_inliers_that_spread_are_trusted_after_a_search_that_leaves_nothing_better(rng):
+    model, rows = spread_scene(rng, 0.5)
+    confidences = [judge_rows(naive.Shift(), model, rows, THRESHOLD, tested).confidence for tested in (1, 30, 300)]
+    assert confidences == sorted(confidences)
+    assert confidences[0] < 0.5 < 0.99 < confidences[-1]
+
+
+@pytest.mark.parametrize(("dimension", "share"), [(1, 0.9545), (2, 0.8647), (3, 0.7385)])
+def test_the_share_within_two_sigma_is_that_of_a_chi_distribution(rng, dimension, share):
+    """A right model is certain, and one with the fourth power of that share is at the bound."""
+    lengths = np.linalg.norm(rng.standard_normal((20_000, dimension)), axis=1) / 5.0
+    by_chance = np.full(6000, 10.0)
+    assert (lengths < 0.4).mean() == pytest.approx(share, abs=0.01)
+    assert verdicts._certainty_of_spread(Residuals(lengths, by_chance), 1.0, dimension) > 0.999
+    bound = share**4
+    at_bound = np.where(np.arange(20_000) < bound * 20_000, 0.1, 0.9)
+    assert verdicts._certainty_of_spread(Residuals(at_bound, by_chance), 1.0, dimension) == pytest.approx(0.5, abs=0.15)
+
+
+# --- rows that are no independent evidence ----------------------------------------------------------------------------
+
+
+def few_targets(rng):
+    """Four targets that twelve sources each are matched to, and random pairs."""
+    rotation = naive.random_model(rng, spread=0.0)
+    targets = np.repeat(rng.standard_normal((4, 3)), 12, axis=0)
+    sources = targets @ rotation[:, :3] + 0.003 * rng.standard_normal(targets.shape)
+    noise = rng.standard_normal((50, 6))
+    return rotation, np.vstack([np.hstack([sources, targets]), noise])
+
+
+def test_weights_do_not_make_rows_distinct(rng):
+    model, rows = few_targets(rng)
+    weighted = np.column_stack([rows, 1.0 + 1e-6 * rng.random(len(rows))])
+    assert judge_rows(Registration(), model, rows, 0.05, 1000).status is Status.LOW_SUPPORT
+    assert judge_rows(Weighted(Registration()), model, weighted, 0.05, 1000).status is Status.LOW_SUPPORT
+
+
+@pytest.mark.parametrize("copies", [2, 10])
+def test_copies_of_all_rows_change_little(copies):
+    model, rows = scene(5, n=60, right=18)
+    once = judge(model, rows)
+    again = judge(model, np.tile(rows, (copies, 1)))
+    assert once.status is again.status is Status.OK
+    assert again.confidence == pytest.approx(once.confidence, abs=0.02)
