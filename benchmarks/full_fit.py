@@ -11,6 +11,7 @@ outliers by one and by two worker processes of a Dask cluster, in turns, the who
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -25,7 +26,9 @@ from scaling_methods import poselib_refit
 
 import nonsac
 from nonsac.evaluation import rotation_error
-from nonsac.method.full_pass import first_pass, fitted_to_all
+from nonsac.method.full_pass import FullFit, first_pass
+from nonsac.method.refine import Refinement
+from nonsac.method.search import SampleTask, Search
 
 Array = NDArray[np.float64]
 
@@ -107,24 +110,33 @@ def passes(outliers: float, repeats: int) -> dict[str, Any]:
     pairs = nonsac.simulate.registration(ROWS, outliers, PAIRS_NOISE, rng=0)
     source = nonsac.JoinedSource([pairs.source, pairs.target])
     result = nonsac.register_pairs(pairs.source, pairs.target, noise=PAIRS_NOISE, workers=1)
-    task = first_pass(result)
+    search = search_of(source)
+    task = first_pass(search, result.model)
     seconds = []
     for _ in range(repeats + 1):
         start = time.perf_counter()
         for piece in range(len(task.bounds) - 1):
             task(piece)
         seconds.append(time.perf_counter() - start)
-    full = fitted_to_all(result, workers=1)
-    difference = float(np.abs(full.T[:3] - least_squares(full, source, task.weigher)).max())
+    polished = Refinement(result.model, result.status, result.confidence, result.num_inliers, result.num_rows)
+    full = FullFit().finish(search, polished)
+    difference = float(np.abs(full.model - least_squares(full.model, source, task.weigher)).max())
     row = {"outlier_ratio": outliers, "rows": ROWS, "rows_per_second": ROWS / float(np.median(seconds[1:]))}
     row |= {"passes": full.info["passes"], "difference_to_least_squares": difference}
     say(str(row))
     return row
 
 
-def least_squares(result: nonsac.Result, source: nonsac.JoinedSource, weigher: Any) -> Array:
+def search_of(source: nonsac.Source) -> Search:
+    """What passes ask for the rows and the noise; no sample is drawn of it."""
+    noise, estimator = nonsac.Noise.given(PAIRS_NOISE), nonsac.Pcr99.for_pairs()
+    task = SampleTask(source, nonsac.Registration(), estimator, noise, sample_size=2000, seed=0)
+    return Search(task, most=1, workers=1, stop=None, progress=None, deadline=None)
+
+
+def least_squares(model: Array, source: nonsac.Source, weigher: Any) -> Array:
     """Of all rows at once, in closed form, with weights and model in turn until neither changes."""
-    problem, model = nonsac.Registration(), result.T[:3]
+    problem = nonsac.Registration()
     rows = source.take(np.arange(len(source)))
     for _ in range(50):
         fitted = problem.refit(model, rows, weigher(problem.residuals(model[None], rows)[0])[0])
@@ -142,20 +154,16 @@ def cluster(repeats: int) -> list[dict[str, Any]]:
     import distributed
 
     views = nonsac.simulate.relative_pose(CLUSTER_ROWS, CLUSTER_OUTLIERS, NOISE, rng=0)
-    path = RESULTS / "cluster_rows.npy"
-    np.save(path, np.hstack([views.points1, views.points2]))
-    try:
-        with (
-            distributed.LocalCluster(
-                n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-            ) as nodes,
-            distributed.Client(nodes) as client,
-        ):
-            first, _ = client.scheduler_info()["workers"]
-            pools = {"one": client.get_executor(pure=False, workers=[first]), "two": client.get_executor(pure=False)}
-            return [compared(pools, path, refine, repeats) for refine in ("none", "polish")]
-    finally:
-        path.unlink()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as nodes,
+        distributed.Client(nodes) as client,
+    ):
+        path = Path(folder) / "rows.npy"
+        np.save(path, np.hstack([views.points1, views.points2]))
+        first, _ = client.scheduler_info()["workers"]
+        pools = {"one": client.get_executor(pure=False, workers=[first]), "two": client.get_executor(pure=False)}
+        return [compared(pools, path, refine, repeats) for refine in ("none", "polish")]
 
 
 def compared(pools: dict[str, Executor], path: Path, refine: str, repeats: int) -> dict[str, Any]:

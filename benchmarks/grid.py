@@ -21,8 +21,8 @@ from common import RESULTS, say, write
 import nonsac
 from nonsac import simulate
 from nonsac.evaluation import mean_average_accuracy, rotation_error
+from nonsac.layouts import Array
 from nonsac.reproduce.experiments import EXPERIMENTS
-from nonsac.result import Array
 
 MOST, FEWER = 300, 30
 RIGHT = 10.0  # degrees
@@ -49,7 +49,7 @@ def trial(problem: str, outlier_ratio: float, noise: float, seed: int) -> dict[s
 
     few = simulated(FEWER * size, outlier_ratio, noise, rng)
     rows = np.hstack([getattr(few, half) for half in halves])
-    fitted = call(*np.split(rows, [EXPERIMENTS[problem].problem.split], axis=1), max_samples=FEWER, **settings)
+    fitted = call(*EXPERIMENTS[problem].problem.layout.parts(rows), max_samples=FEWER, **settings)
     least = EXPERIMENTS[problem].problem.refit(few.T[:3].copy(), rows, few.inliers.astype(float))
     return {
         "needed": error(needed.T, data.T),

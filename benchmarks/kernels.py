@@ -21,6 +21,9 @@ from nonsac.clouds.search import OrientedPairs
 from nonsac.clouds.surfaces import Surface
 from nonsac.kernels.consistency import count_consistent_distances
 from nonsac.kernels.nearest_field import score_models
+from nonsac.layouts import Rows
+from nonsac.problems import Noise
+from nonsac.result import Hypothesis
 from nonsac.simulate import demo_scans, random_rotation, registration
 from nonsac.sources import AllPairsSource
 
@@ -76,11 +79,14 @@ def lookups(overlap: Overlap, repeats: int) -> float:
 def motions(overlap: Overlap, repeats: int) -> float:
     """Motions per second that one sample of `OrientedPairs` makes, scores and ranks, aligning the best included."""
     source = AllPairsSource(overlap.source.oriented, overlap.target.oriented)
-    rows = source.take(np.random.default_rng(0).choice(len(source), ROWS, replace=False))
+    rows = Rows(source.take(np.random.default_rng(0).choice(len(source), ROWS, replace=False)))
     estimator, problem = OrientedPairs.for_overlap(overlap), OrientedRegistration()
-    tested = estimator.estimate(problem, rows, overlap.reach, np.random.default_rng(0)).tested
-    seconds = timed(lambda: estimator.estimate(problem, rows, overlap.reach, np.random.default_rng(0)), repeats)
-    return tested / seconds
+
+    def hypothesis() -> Hypothesis:
+        return estimator.estimate(problem, rows, Noise.within(overlap.reach), np.random.default_rng(0))
+
+    tested = hypothesis().tested or 0
+    return tested / timed(hypothesis, repeats)
 
 
 def timed(function: Callable[[], object], repeats: int) -> float:

@@ -121,7 +121,8 @@ def scenes(rows: int, outliers: float, noise: float) -> dict[str, tuple[Array, A
 def our_ransac(problem: str, first: Array, second: Array, noise: float, iterations: int, seed: int) -> None:
     kind = nonsac.RelativePose() if problem == "relative pose" else nonsac.AbsolutePose()
     ransac = nonsac.Ransac(iterations, local_optimisation=True)
-    ransac.estimate(kind, np.hstack([first, second]), 5.0 * noise, np.random.default_rng(seed))
+    rows = nonsac.Rows(np.hstack([first, second]))
+    ransac.estimate(kind, rows, nonsac.Noise.given(noise), np.random.default_rng(seed))
 
 
 def poselib_ransac(problem: str, first: Array, second: Array, noise: float, iterations: int, seed: int) -> None:

@@ -61,7 +61,7 @@ def call(method: str, problem: str, path: str, noise: float, seed: int) -> tuple
         result = CALLS[problem](source, noise=noise, refine=method, rng=seed)
         return result.T, str(result.status)
     rows = np.load(path).astype(np.float64)
-    first, second = np.hsplit(rows, [PROBLEMS[problem].split])
+    first, second = PROBLEMS[problem].layout.parts(rows)
     return rival(method, first, second, noise, seed), None
 
 

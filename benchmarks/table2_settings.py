@@ -1,6 +1,6 @@
 """What the paper does not state for Table 2: which settings bring our averages closest to it, and how much they matter.
 
-    python benchmarks/table2_settings.py [--trials 30] [--workers 2] [--only-variants]
+    python benchmarks/table2_settings.py [--trials 30] [--workers 2] [--only-variants] [--json FILE]
 
 Only the noise levels of relative pose and registration and the iterations of RANSAC are free. The distance to the paper
 is the mean difference over the rules of `FITTED`, each kind of rule counting the same. `variants` are not candidates:
@@ -13,6 +13,7 @@ import argparse
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Self
@@ -21,13 +22,14 @@ import numpy as np
 
 from nonsac.estimators import Pcr99, Ransac
 from nonsac.estimators.contract import Estimator
-from nonsac.problems.contract import Problem
+from nonsac.layouts import Rows
+from nonsac.problems import Noise, Problem
 from nonsac.reproduce import summaries
 from nonsac.reproduce.cells import Cell, Trial
 from nonsac.reproduce.experiments import EXPERIMENTS, Experiment
 from nonsac.reproduce.running import Plan, run_trials
 from nonsac.reproduce.table2 import PAPER, PAPER_COUNTS
-from nonsac.result import Array, Hypothesis, Result, Status, failed
+from nonsac.result import Evidence, Hypothesis, Result, Status, failed
 
 RESULTS = Path(__file__).parent / "results" / "table2_settings.json"
 LEVELS = {
@@ -49,14 +51,14 @@ FITTED = {
 
 
 @dataclass(frozen=True)
-class ExactZeros:
+class ExactZeros(Estimator):
     """Makes one in ten of the residuals that are zero but for rounding exactly zero, as arithmetic happens to."""
 
     estimator: Ransac
 
-    def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
+    def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
         """The hypothesis of the estimator with other residuals."""
-        hypothesis = self.estimator.estimate(problem, rows, threshold, rng)
+        hypothesis = self.estimator.estimate(problem, rows, noise, rng)
         chosen = (hypothesis.residuals < 1e-12) & (rng.random(len(rows)) < 0.1)
         return replace(hypothesis, residuals=np.where(chosen, 0.0, hypothesis.residuals))
 
@@ -73,14 +75,14 @@ VARIANTS: dict[str, tuple[str, Estimator]] = {
 }
 
 
-def without_refined(*_: Any, noise: float, **__: Any) -> Result:
+def without_refined(problem: Problem, *_: Any, noise: float, **__: Any) -> Result:
     """Takes the place of our pipeline, which is not compared here."""
-    return failed(Status.LOW_SUPPORT, noise, {})
+    return failed(Status.LOW_SUPPORT, Evidence(problem), {}, noise)
 
 
 def mean_over_ratios(experiment: Experiment, noise: float, trials: int, workers: int) -> dict[str, dict[str, float]]:
     """Average mAA over the outlier ratios by m and rule."""
-    quick = replace(experiment, refined=without_refined)
+    quick = replace(experiment, refined=partial(without_refined, experiment.problem))
     cells = tuple(
         Cell(quick, ratio, noise, PAPER_COUNTS, experiment.sample_size) for ratio in experiment.outlier_ratios
     )
@@ -153,14 +155,17 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=30)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only-variants", action="store_true", help="keep the rest of the file")
+    parser.add_argument("--json", type=Path, default=RESULTS)
     options = parser.parse_args()
-    report = json.loads(RESULTS.read_text()) if options.only_variants else searched(options.trials, options.workers)
+    report = (
+        json.loads(options.json.read_text()) if options.only_variants else searched(options.trials, options.workers)
+    )
     report["variants"] = {
         label: variant(name, estimator, options.trials, options.workers)
         for label, (name, estimator) in VARIANTS.items()
     }
     report["settings"] = {"trials": options.trials, "fitted": FITTED, **summaries.environment()}
-    RESULTS.write_text(json.dumps(report, indent=1) + "\n")
+    options.json.write_text(json.dumps(report, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -34,8 +34,9 @@ import nonsac
 from clouds import DATA, Condition, Trial, turn_about
 from nonsac.evaluation import rotation_error
 from nonsac.io import read_cloud
+from nonsac.layouts import Array
 from nonsac.reproduce.experiments import EXPERIMENTS
-from nonsac.result import Array, Result
+from nonsac.result import Result
 from nonsac.running.executors import Workers, ordered_map
 from nonsac.simulate import demo_scans, random_rotation
 

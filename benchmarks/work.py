@@ -50,7 +50,8 @@ class Case:
         """Both halves of the rows, and the true transform."""
         experiment = EXPERIMENTS[self.problem]
         rows, truth = experiment.simulate(self.rows, self.outlier_ratio, self.noise, np.random.default_rng([seed, 17]))
-        return rows[:, : experiment.problem.split], rows[:, experiment.problem.split :], truth
+        first, second = experiment.problem.layout.parts(rows)
+        return first, second, truth
 
 
 CASES = (

@@ -5,6 +5,8 @@ import signal
 import threading
 from dataclasses import dataclass
 
+import numpy as np
+
 import nonsac
 
 
@@ -13,13 +15,17 @@ def call(name, data, settings):
 
 
 @dataclass(frozen=True)
-class Trouble:
-    """In place of an estimator: does something to the process that it is in."""
+class Trouble(nonsac.Estimator):
+    """Does something to the process that it is in, or raises: before there are samples, or in each of them."""
 
     action: str
     path: str = ""
 
-    def estimate(self, problem, rows, threshold, rng):
+    def check(self, problem):
+        if self.action == "raise":
+            raise Stubborn(1, 2)
+
+    def estimate(self, problem, rows, noise, rng):
         if self.action == "die once" and not os.path.exists(self.path):
             open(self.path, "w").close()
             os.kill(os.getpid(), signal.SIGKILL)
@@ -27,15 +33,12 @@ class Trouble:
             os.kill(os.getpid(), signal.SIGKILL)
         if self.action == "exit":
             os._exit(3)
-        if self.action == "raise":
+        if self.action == "fail":
             raise Stubborn(1, 2)
         if self.action == "hang":
             os.write(1, b"at work\n")
             threading.Event().wait()  # until it is killed
-        return nonsac.Pcr99.for_pairs().estimate(problem, rows, threshold, rng)
-
-    def with_budget(self, factor):
-        return self
+        return nonsac.Pcr99.for_pairs().estimate(problem, rows, noise, rng)
 
 
 class Stubborn(Exception):
@@ -43,3 +46,10 @@ class Stubborn(Exception):
 
     def __init__(self, first, second):
         super().__init__(f"{first} and {second}")
+
+
+def by_ransac(values, threshold, seed):
+    """An estimator of registrations that is a function, as those of other libraries are."""
+    estimator, rng = nonsac.Ransac(500, local_optimisation=True), np.random.default_rng(seed)
+    rows, noise = nonsac.Rows(values), nonsac.Noise.within(threshold)
+    return estimator.estimate(nonsac.Registration(), rows, noise, rng).model

@@ -6,6 +6,8 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import nonsac
+
 # --- geometry -----------------------------------------------------------------------------------------------------
 
 
@@ -370,25 +372,67 @@ def shift_model(shift):
     return np.column_stack([np.eye(3), [shift, 0.0, 0.0]])
 
 
-class Shift:
+class Shift(nonsac.Problem):
     """Rows (x, y) with y = x + shift, in the form [I | (shift, 0, 0)]; models differ by |shift_a - shift_b|."""
 
-    width, minimal_size, split = 2, 1, 1
+    layout = nonsac.Layout("x | y")
+    minimal_size = 1
 
     def solve_minimal(self, samples):
-        return np.stack([shift_model(y - x) for x, y in samples[:, 0]])
+        return np.array([shift_model(y - x) for x, y in samples[:, 0]]).reshape(-1, 3, 4)
 
     def residuals(self, models, rows):
         return np.abs(rows[:, 0] + models[:, 0, 3, None] - rows[:, 1])
 
-    def count_inliers(self, models, rows, threshold):
-        return (self.residuals(models, rows) < threshold).sum(axis=1)
-
     def refit(self, model, rows, weights):
-        return shift_model(np.average(rows[:, 1] - rows[:, 0], weights=weights)) if len(rows) else np.nan * model
+        return shift_model(np.average(rows[:, 1] - rows[:, 0], weights=weights))
 
-    def determined(self, model, inliers, threshold):
+    def determined(self, model, inliers, noise):
         return True
 
     def distance(self, a, b):
         return np.abs(np.asarray(a)[..., 0, 3] - np.asarray(b)[..., 0, 3])
+
+    def transform(self, model):
+        return np.vstack([model, [0.0, 0.0, 0.0, 1.0]])
+
+
+def median_shift(values, threshold, seed):
+    """The function of somebody who knows nothing of problems and estimators."""
+    return shift_model(np.median(values[:, 1] - values[:, 0]))
+
+
+# --- rows that match nothing, and models that are no motions: only what a problem has to have -------------------------
+
+
+def line_model(degrees, offset):
+    """The line x cos + y sin = offset, with an angle below 180 degrees so that each line has one model."""
+    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), offset])
+
+
+class Line(nonsac.Problem):
+    """Points (x, y) with a x + b y = c, in the form (a, b, c) with a^2 + b^2 = 1."""
+
+    layout = nonsac.Layout("x y")
+    minimal_size = 2
+    model_shape = (3,)
+
+    def solve_minimal(self, samples):
+        lines = [self.refit(None, sample, np.ones(2)) for sample in samples if (sample[0] != sample[1]).any()]
+        return np.array(lines).reshape(-1, 3)
+
+    def residuals(self, models, rows):
+        return np.abs(models[:, :1] * rows[:, 0] + models[:, 1:2] * rows[:, 1] - models[:, 2:])
+
+    def refit(self, model, rows, weights):
+        mean = np.average(rows, axis=0, weights=weights)
+        across = np.linalg.eigh((weights[:, None] * (rows - mean)).T @ (rows - mean))[1][:, 0]
+        across *= 1.0 if across[1] > 0 else -1.0
+        return np.append(across, across @ mean)
+
+
+def fullest_windows(ratios, tolerance, reach=4.0):
+    """The middles of the windows of two bins that hold the most log ratios; bins are `tolerance` wide, from -reach."""
+    bins = int(2 * reach / tolerance) + 1
+    counts = [sum(int((r + reach) / tolerance) in (k - 1, k) for r in ratios if abs(r) < reach) for k in range(1, bins)]
+    return [k * tolerance - reach for k, count in enumerate(counts, 1) if count == max(counts)]

@@ -79,6 +79,7 @@ def kernels():
 
 pairs = nonsac.simulate.registration(3000, 0.8, 0.01, rng=0)
 for scale, estimator in ((1.0, None), (1, None), (2, nonsac.Pcr99()), (np.float32(1), None), (None, None),
+                         (None, nonsac.Pcr99(rank="sum")),
                          (1.0, nonsac.Pcr99("distance", order="random", tolerance=1, max_drawn=5000))):
     nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=scale, estimator=estimator, samples=2)
 frozen = pairs.source.astype(np.float32)
@@ -99,6 +100,10 @@ nonsac.absolute_pose(points.points2d, points.points3d, noise=0.001, samples=2, r
 nonsac.absolute_pose(points.points2d.astype(np.float32), points.points3d, (1, 1, 0, 0), noise=1e-3, weights=[1] * 3000)
 nonsac.estimate(nonsac.ArraySource(np.hstack([points.points2d, points.points3d])), nonsac.AbsolutePose(),
                 nonsac.Ransac(500), noise=0.001)
+weighted = np.hstack([pairs.source, pairs.target, np.arange(3000.0)[:, None]])
+for estimator in (None, "ransac", lambda values, threshold, seed: pairs.T[:3]):
+    nonsac.estimate(nonsac.ArraySource(weighted), nonsac.Registration(), estimator, noise=0.01, sample_size=500)
+    nonsac.estimate(nonsac.ArraySource(weighted[:, :6]), nonsac.Registration(None), estimator, refine="full")
 print(json.dumps({
     "signatures": {name: [str(s) for s in kernel.signatures] for name, kernel in kernels()},
     "called": sorted({name for _, kernel in kernels() for name in kernel.py_func.__code__.co_names}),

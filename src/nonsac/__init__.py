@@ -7,21 +7,22 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nonsac import evaluation, io, plot, simulate
+    from nonsac import evaluation, io, plot, simulate, testing
     from nonsac.calls.clouds import register_clouds
+    from nonsac.calls.estimate import estimate
     from nonsac.calls.jobs import Job, WorkerDied, estimate_many
     from nonsac.calls.pairs import register_pairs
     from nonsac.calls.poses import absolute_pose, relative_pose
     from nonsac.cameras.camera import Camera
-    from nonsac.estimators import Estimator, Pcr99, Ransac
+    from nonsac.estimators import Estimator, External, Pcr99, Ransac
     from nonsac.files.errors import InputError
+    from nonsac.layouts import Layout, Rows
     from nonsac.method import scoring
-    from nonsac.method.pipeline import estimate
     from nonsac.method.planning import Plan, plan
-    from nonsac.method.refine import Refiner
+    from nonsac.method.refine import Refinement, Refiner
     from nonsac.method.scoring import ScoringRule
-    from nonsac.problems import AbsolutePose, Problem, Registration, RelativePose, Weighted
-    from nonsac.result import Alternative, FailedEstimation, Hypothesis, Result, Status
+    from nonsac.problems import AbsolutePose, Noise, Problem, Registration, RelativePose, SpecialCase
+    from nonsac.result import Alternative, FailedEstimation, Hypothesis, Remark, Result, Status
     from nonsac.sources import (
         AllPairsSource,
         ArraySource,
@@ -47,6 +48,7 @@ __all__ = [
     "ArraySource",
     "Camera",
     "Estimator",
+    "External",
     "FailedEstimation",
     "Hdf5Source",
     "Hypothesis",
@@ -54,7 +56,9 @@ __all__ = [
     "Job",
     "JoinedSource",
     "LasSource",
+    "Layout",
     "MappedSource",
+    "Noise",
     "NpySource",
     "ParquetSource",
     "Pcr99",
@@ -62,15 +66,18 @@ __all__ = [
     "Problem",
     "Ransac",
     "RawSource",
+    "Refinement",
     "Refiner",
     "Registration",
     "RelativePose",
+    "Remark",
     "Result",
+    "Rows",
     "ScoringRule",
     "Source",
+    "SpecialCase",
     "Status",
     "StreamSource",
-    "Weighted",
     "WorkerDied",
     "ZarrSource",
     "absolute_pose",
@@ -86,6 +93,7 @@ __all__ = [
     "relative_pose",
     "scoring",
     "simulate",
+    "testing",
 ]
 
 _HOMES = {
@@ -94,14 +102,15 @@ _HOMES = {
     "nonsac.calls.pairs": ("register_pairs",),
     "nonsac.calls.poses": ("absolute_pose", "relative_pose"),
     "nonsac.cameras.camera": ("Camera",),
-    "nonsac.estimators": ("Estimator", "Pcr99", "Ransac"),
+    "nonsac.estimators": ("Estimator", "External", "Pcr99", "Ransac"),
+    "nonsac.layouts": ("Layout", "Rows"),
     "nonsac.files.errors": ("InputError",),
-    "nonsac.method.pipeline": ("estimate",),
+    "nonsac.calls.estimate": ("estimate",),
     "nonsac.method.planning": ("Plan", "plan"),
-    "nonsac.method.refine": ("Refiner",),
+    "nonsac.method.refine": ("Refinement", "Refiner"),
     "nonsac.method.scoring": ("ScoringRule",),
-    "nonsac.problems": ("AbsolutePose", "Problem", "Registration", "RelativePose", "Weighted"),
-    "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Result", "Status"),
+    "nonsac.problems": ("AbsolutePose", "Noise", "Problem", "Registration", "RelativePose", "SpecialCase"),
+    "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Remark", "Result", "Status"),
     "nonsac.sources": (
         "AllPairsSource",
         "ArraySource",
@@ -125,6 +134,7 @@ _MODULES = {
     "plot": "nonsac.plot",
     "scoring": "nonsac.method.scoring",
     "simulate": "nonsac.simulate",
+    "testing": "nonsac.testing",
 }
 
 

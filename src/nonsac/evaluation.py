@@ -3,14 +3,15 @@
 import operator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from nonsac.layouts import Array
+from nonsac.problems.pose import rotation_distance
 
 __all__ = ["mean_average_accuracy", "rotation_error", "translation_error"]
 
-Floats = NDArray[np.float64]
 
-
-def rotation_error(A: ArrayLike, B: ArrayLike) -> Floats:
+def rotation_error(A: ArrayLike, B: ArrayLike) -> Array:
     """Angle of the rotation between two rotations, in degrees.
 
     Computed as ``2 asin(|A - B| / sqrt 8)`` with the Frobenius norm, which stays accurate at small angles,
@@ -32,11 +33,10 @@ def rotation_error(A: ArrayLike, B: ArrayLike) -> Floats:
         If the last two axes are not 3 x 3, or a finite matrix is not a rotation (a scaled one, for instance).
     """
     first, second = _rotations("A", A), _rotations("B", B)
-    half_sine = np.linalg.norm(first - second, axis=(-2, -1)) / np.sqrt(8.0)
-    return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(half_sine, 1.0))))[()]
+    return np.asarray(rotation_distance(first, second))[()]
 
 
-def translation_error(A: ArrayLike, B: ArrayLike) -> Floats:
+def translation_error(A: ArrayLike, B: ArrayLike) -> Array:
     """Euclidean distance between two translations, in their own unit.
 
     Parameters
@@ -98,7 +98,7 @@ def mean_average_accuracy(errors: ArrayLike, maximum: int = 10) -> float:
     return float(np.count_nonzero(values < thresholds[:, None]) / (maximum * values.size))
 
 
-def _rotations(name: str, value: ArrayLike) -> Floats:
+def _rotations(name: str, value: ArrayLike) -> Array:
     matrices = np.asarray(value, dtype=np.float64)
     if matrices.shape[-2:] != (3, 3):
         raise ValueError(f"{name} has shape {matrices.shape}; expected rotations of shape (..., 3, 3)")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from nonsac.layouts import Array, Rows
 
 VERSION = version("nonsac")
 
@@ -37,17 +37,52 @@ class Status(StrEnum):
 
 
 _EXPLANATIONS = {
-    Status.OK: "the data support this answer and no clearly different one does as well",
+    Status.OK: "the data support this answer, and no clearly different one as well",
     Status.TOO_FEW: "there are too few distinct rows or points to determine an answer",
     Status.DEGENERATE: "the data do not determine an answer (identical or collinear points, or no baseline)",
-    Status.LOW_SUPPORT: "no answer is supported by more of the data than chance, or a partly right answer, explains",
+    Status.LOW_SUPPORT: "no answer has more support than chance, or than a partly correct answer, would have",
     Status.AMBIGUOUS: "clearly different answers fit the data about equally well (see alternatives)",
-    Status.TIME_LIMIT: "the time limit came before an answer that is to be trusted",
+    Status.TIME_LIMIT: "the time limit was reached before there was an answer to be trusted",
+}
+
+
+class Remark(StrEnum):
+    """What a result may say about the data besides its status. `explanation` is the sentence for a person.
+
+    `info["remarks"]` holds these, with a detail after a colon if there is one, and the names of a problem's own special
+    cases.
+    """
+
+    PLANAR = "planar"
+    PURE_ROTATION = "pure rotation"
+    PARTLY_RIGHT = "partly right"
+    NOISE_LARGER = "noise is larger than given"
+    NOISE_SMALLER = "noise is smaller than given"
+    NOT_FITTED_TO_ALL = "not fitted to all rows"
+    ESTIMATOR_FAILED = "the estimator failed in some samples"
+
+    @property
+    def explanation(self) -> str:
+        return _REMARKS[self]
+
+    def detailed(self, detail: str) -> str:
+        """The remark with what there is to say of this case."""
+        return f"{self}: {detail}"
+
+
+_REMARKS = {
+    Remark.PLANAR: "all inliers lie near one plane, which may allow a second pose",
+    Remark.PURE_ROTATION: "a rotation without a baseline explains all inliers, so that the translation means nothing",
+    Remark.PARTLY_RIGHT: "the inliers are spread over the threshold, as those of a model near a wrong optimum are",
+    Remark.NOISE_LARGER: "the inliers show more noise than was given, by a factor of three or more",
+    Remark.NOISE_SMALLER: "the inliers show less noise than was given, by a factor of three or more",
+    Remark.NOT_FITTED_TO_ALL: "the answer is the one fitted to some rows",
+    Remark.ESTIMATOR_FAILED: "the core estimator raised an exception; these samples count as empty",
 }
 
 
 class FailedEstimation(RuntimeError):
-    """Raised by `Result.raise_if_failed` where the answer is not to be trusted."""
+    """Raised by `Result.raise_if_failed` if the answer is not to be trusted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,38 +91,41 @@ class Hypothesis:
 
     Attributes
     ----------
-    model : (3, 4) float64
-        In the problem's own form, `[s R | t]` for the built-in problems; NaN where the sample gave none.
+    model : float64
+        In the problem's own shape, `[s R | t]` (3, 4) for motions; NaN if the sample gave none.
     residuals : (N,) float64
         Of the sample's own rows, in the unit of `threshold`.
     threshold : float
         Rows with a smaller residual are inliers.
     sample : int
         Which sample it was found in.
-    alternatives : (K, 3, 4) float64
+    alternatives : sequence of models
         Further models that the estimator found worth a look, best first.
-    tested : int
-        How many candidate models the estimator compared before it chose this one.
-    promising : (P, D) float64
+    tested : int or None
+        How many candidate models the estimator compared before it chose this one; None if it does not say.
+    promising : Rows or None
         Rows of the sample that the estimator takes for the most likely inliers, for a joint search.
-    promise : (P,) float64
+    rank_scores : (P,) float64
         How likely it takes them, comparable between samples of the same size.
     dropped : int
         Rows of the sample that were left out because they were not finite.
     score : float
         What the scoring rule gave it; higher is better.
+    fault : str
+        Why the estimator gave no model, if it failed: the exception that it raised, say.
     """
 
     model: Array
     residuals: Array
     threshold: float
     sample: int = 0
-    alternatives: Array = field(default_factory=lambda: np.empty((0, 3, 4)))
-    promising: Array = field(default_factory=lambda: np.empty((0, 0)))
-    promise: Array = field(default_factory=lambda: np.empty(0))
-    tested: int = 1
+    alternatives: Array | tuple[()] = ()
+    promising: Rows | None = None
+    rank_scores: Array = field(default_factory=lambda: np.empty(0))
+    tested: int | None = 1
     dropped: int = 0
     score: float = float("nan")
+    fault: str = ""
 
     @property
     def found(self) -> bool:
@@ -104,25 +142,36 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """A clearly different answer that the data support next best: `T` (4, 4) and its `support` in [0, 1]."""
+    """A clearly different answer that the data support next best.
 
-    T: Array
+    Attributes
+    ----------
+    model : float64
+        In the problem's own shape.
+    support : float
+        Share of the rows (or points) that support it.
+    T : (4, 4) float64 or None
+        The model as a matrix, if it is a motion.
+    """
+
+    model: Array
     support: float
+    T: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The rows that a result was estimated from, and the problem that gives their residuals."""
+    """The problem that a result is of, and the source of its rows; None for raw clouds, which have no rows."""
 
-    source: Any
     problem: Any
+    source: Any = None
 
     def residuals(self, model: Array) -> Iterator[Array]:
         """Of every row of the source, in its order, some at a time: (k,) each; NaN for rows that are not finite."""
         for rows in self.source.chunks(_CHUNK):
             finite = np.isfinite(rows).all(axis=1)
             residuals = np.full(len(rows), np.nan)
-            residuals[finite] = self.problem.residuals(model[None], rows[finite])[0]
+            residuals[finite] = self.problem.residuals(model[None], rows[finite, : self.problem.width])[0]
             yield residuals
 
 
@@ -132,9 +181,9 @@ class Result:
 
     Attributes
     ----------
-    T : (4, 4) float64
-        Maps source to target, `[s R, t; 0, 1]`. NaN where nothing was found, never a made-up identity; where it is
-        finite but `success` is false, it is the best guess.
+    model : float64
+        In the problem's own shape: `[s R | t]` (3, 4) for motions. NaN if nothing was found; if it is finite but
+        `success` is false, it is the best guess.
     status : Status
         `Status.OK` or the reason why the answer is not to be trusted.
     confidence : float
@@ -142,7 +191,7 @@ class Result:
         how certainly the answer is not right in part only; for raw clouds, how far the best other answer is behind.
         `docs/verdict.md` has both, and how often answers of each confidence were right.
     num_inliers, num_rows : int
-        Rows (or points) that support the returned `T`, out of those that it was tested on.
+        Rows (or points) that support the returned model, out of those that it was tested on.
     noise : float
         Standard deviation of an inlier, in the unit of the data: the one that was given, or the measured one at which
         the answer was found (`info["measured_noise"]` is what the answer shows in the end); for raw clouds that of the
@@ -155,23 +204,23 @@ class Result:
         Clearly different answers, best first.
     covariance : (6, 6), (7, 7) or (5, 5) float64, or None
         Of a rigid motion or an absolute pose: of the rotation vector w in radians, for which R becomes exp([w]x) R, and
-        of t. Where the scale was estimated, its logarithm is the seventh. Of a relative pose: of w and of the direction
+        of t. If the scale was estimated, its logarithm is the seventh. Of a relative pose: of w and of the direction
         of t, in two axes of its tangent plane (`pose_math.tangents`). With points far from the origin t depends on w,
-        and its variance is large. None where nothing was found, for raw clouds, and where rows have weights.
+        and its variance is large. None if nothing was found, for raw clouds, and if rows have weights.
 
         It comes from the residuals themselves, whatever the noise was said to be. In simulations the mean of
         e^T C^-1 e / p, of errors e of p parameters, is 0.85 to 1.15 from ten inliers on, and with up to 90 % outliers
         from fifty on; 1 would be exact. Relative poses are the limit: 1.25 with 20 inliers and 90 % outliers, 1.3 with
-        200 inliers and 97 %, because a few outliers that fit by chance, where no inlier is, decide much. Infinite
-        where too few inliers are left to tell the noise (relative poses: seven or fewer).
+        200 inliers and 97 %, because a few outliers that fit by chance, far from all inliers, decide much. Infinite
+        if too few inliers are left to tell the noise (relative poses: seven or fewer).
     info : dict
         `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, `remarks` on special
         cases such as "planar", `passes` over all rows with refine="full", `peak_memory` of the process in bytes, ...
-    evidence : Evidence or None
-        Where `residuals` and `inliers` come from; None for raw clouds, which have no rows.
+    evidence : Evidence
+        The problem, and where `residuals` and `inliers` come from.
     """
 
-    T: Array
+    model: Array
     status: Status
     confidence: float
     num_inliers: int
@@ -189,8 +238,35 @@ class Result:
         return self.status is Status.OK
 
     @property
+    def found(self) -> bool:
+        """Whether there is a model at all, trusted or not."""
+        return bool(np.isfinite(self.model).all())
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What there is to say of the data besides the status: `Remark`s, some with a detail after a colon."""
+        return tuple(self.info.get("remarks", ()))
+
+    @cached_property
+    def T(self) -> Array:
+        """The motion as a matrix (4, 4) that maps source to target, `[s R, t; 0, 1]`.
+
+        NaN if nothing was found, never a made-up identity. A model that is no motion has no T.
+        """
+        T = self._evidence.problem.transform(self.model)
+        if T is None:
+            name = type(self._evidence.problem).__name__
+            raise AttributeError(f"a model of {name} is no motion, so it has no T, R, t or scale: see result.model")
+        return T if self.found else np.full((4, 4), np.nan)
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether the model is a motion of points, which has T, R, t and scale."""
+        return self.evidence is not None and self.evidence.problem.transform(self.model) is not None
+
+    @property
     def scale(self) -> float:
-        """Factor of the lengths; NaN where nothing was found."""
+        """Factor of the lengths; NaN if nothing was found."""
         if not np.isfinite(self.T).all():
             return float("nan")
         return float(np.cbrt(np.linalg.det(self.T[:3, :3])))
@@ -207,7 +283,7 @@ class Result:
 
     @property
     def rotation(self) -> Any:
-        """The rotation as a `scipy.spatial.transform.Rotation`; raises `FailedEstimation` where nothing was found."""
+        """The rotation as a `scipy.spatial.transform.Rotation`; raises `FailedEstimation` if nothing was found."""
         from scipy.spatial.transform import Rotation
 
         if not np.isfinite(self.T).all():
@@ -216,16 +292,16 @@ class Result:
 
     @cached_property
     def residuals(self) -> Array:
-        """Residual of every row of the input for the returned `T`, in input order (n,), in the unit of `threshold`.
+        """Residual of every row of the input for the returned model, in input order (n,), in the unit of `threshold`.
 
-        Computed when first asked for, in one pass over all rows. NaN for rows that are not finite, and for all where
+        Computed when first asked for, in one pass over all rows. NaN for rows that are not finite, and for all if
         nothing was found.
         """
         return np.concatenate([np.empty(0), *self._residuals_by_chunk()])
 
     @property
     def inliers(self) -> NDArray[np.bool_]:
-        """Which rows of the input are inliers of the returned `T`, in input order (n,)."""
+        """Which rows of the input are inliers of the returned model, in input order (n,)."""
         with np.errstate(invalid="ignore"):
             return self.residuals < self.threshold
 
@@ -245,15 +321,21 @@ class Result:
         from nonsac.files.masks import write_mask
 
         pieces = (residuals < self.threshold for residuals in self._residuals_by_chunk())
-        write_mask(path, pieces, len(self._evidence().source))
+        write_mask(path, pieces, len(self._rows().source))
 
     def _residuals_by_chunk(self) -> Iterator[Array]:
-        return self._evidence().residuals(self.T[:3])
+        return self._rows().residuals(self.model)
 
+    @property
     def _evidence(self) -> Evidence:
         if self.evidence is None:
-            raise AttributeError("there are no rows to give residuals of: the data were raw clouds")
+            raise AttributeError("this result was made by hand, without the problem that it is of")
         return self.evidence
+
+    def _rows(self) -> Evidence:
+        if self._evidence.source is None:
+            raise AttributeError("there are no rows to give residuals of: the data were raw clouds")
+        return self._evidence
 
     @property
     def inlier_ratio(self) -> float:
@@ -264,7 +346,7 @@ class Result:
         return np.asarray(points, np.float64) @ self.T[:3, :3].T + self.T[:3, 3]
 
     def raise_if_failed(self) -> Result:
-        """Return the result itself, or raise `FailedEstimation` where it is not to be trusted."""
+        """Return the result itself, or raise `FailedEstimation` if it is not to be trusted."""
         if not self.success:
             raise FailedEstimation(f"{self.status}: {self.status.explanation}")
         return self
@@ -276,15 +358,19 @@ class Result:
             "status": str(self.status),
             "explanation": self.status.explanation,
             "confidence": self.confidence,
-            "T": _plain(self.T),
-            "scale": _plain(self.scale),
+            **({"T": _plain(self.T), "scale": _plain(self.scale)} if self.is_motion else {"model": _plain(self.model)}),
             "num_inliers": self.num_inliers,
             "num_rows": self.num_rows,
             "inlier_ratio": self.inlier_ratio,
             "noise": _plain(self.noise),
             "threshold": _plain(self.threshold),
             "covariance": _plain(self.covariance),
-            "alternatives": [{"T": _plain(a.T), "support": _plain(a.support)} for a in self.alternatives],
+            "alternatives": [
+                {"T": _plain(a.T), "support": _plain(a.support)}
+                if a.T is not None
+                else {"model": _plain(a.model), "support": _plain(a.support)}
+                for a in self.alternatives
+            ],
             "hypotheses": [
                 {
                     "sample": h.sample,
@@ -308,15 +394,15 @@ class Result:
         write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
     def _described_model(self) -> str:
-        if not self.scale > 0.0:  # a user's own kind of model
-            return f"model {np.array2string(self.T[:3].ravel(), precision=6)}".replace("\n", "")
+        if not self.is_motion:
+            return "a model" if self.evidence is None else str(self.evidence.problem.describe(self.model))
         angle = np.degrees(self.rotation.magnitude())
         t = ", ".join(f"{x:.6g}" for x in self.t)
         return f"rotation {angle:.3f} deg, translation [{t}], scale {self.scale:.6g}"
 
     def __repr__(self) -> str:
-        if not np.isfinite(self.T).all():
-            return f"Result({self.status}: {self.status.explanation})"
+        if not self.found:
+            return "\n".join([f"Result({self.status}: {self.status.explanation})", *self._told_remarks()])
         lines = [
             f"Result({self.status}, confidence {self.confidence:.3f})",
             f"  {self._described_model()}",
@@ -324,8 +410,11 @@ class Result:
             f"noise {self.noise:.4g}",
             f"  {len(self.hypotheses)} hypotheses, {len(self.alternatives)} alternatives",
         ]
-        lines += [f"  remark: {remark}" for remark in self.info.get("remarks", ())]
+        lines += self._told_remarks()
         return "\n".join(lines if self.success else [*lines, f"  {self.status.explanation}"])
+
+    def _told_remarks(self) -> list[str]:
+        return [f"  remark: {remark}" for remark in self.remarks]
 
 
 def _plain(value: Any) -> Any:
@@ -342,26 +431,14 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def homogeneous(model: Array) -> Array:
-    """A (3, 4) model as a (4, 4) matrix."""
-    T = np.eye(4)
-    T[:3] = model
-    return T
-
-
 def failed(
     status: Status,
-    noise: float,
+    evidence: Evidence,
     info: dict[str, Any],
+    noise: float = float("nan"),
+    threshold: float = float("nan"),
     hypotheses: tuple[Hypothesis, ...] = (),
-    evidence: Evidence | None = None,
 ) -> Result:
     """A result without an answer."""
-    nothing = np.full((4, 4), np.nan)
-    threshold = threshold_of(noise)
-    return Result(nothing, status, 0.0, 0, 0, float(noise), threshold, hypotheses, info=info, evidence=evidence)
-
-
-def threshold_of(noise: float) -> float:
-    """The inlier threshold for a noise level: five standard deviations (Lee et al., Sec. 4)."""
-    return 5.0 * float(noise)
+    nothing = evidence.problem.no_model
+    return Result(nothing, status, 0.0, 0, 0, noise, threshold, hypotheses, info=info, evidence=evidence)

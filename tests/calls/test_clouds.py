@@ -69,6 +69,13 @@ class TestRegisterClouds:
             assert np.linalg.norm(alternative.T[:3] @ np.append(source.mean(0) + 100.0, 1)) < 5.0
             assert 0 <= alternative.support <= result.inlier_ratio
 
+    def test_model_and_motion_agree_and_there_are_no_rows(self, scans):
+        source, target, _ = scans
+        result = nonsac.register_clouds(source + 100.0, target)
+        np.testing.assert_array_equal(result.model, result.T[:3])
+        with pytest.raises(AttributeError, match="the data were raw clouds"):
+            result.residuals  # noqa: B018
+
     def test_same_bits_for_any_workers(self, scans):
         source, target, _ = scans
         serial = nonsac.register_clouds(source, target, workers=1)
@@ -155,6 +162,11 @@ class TestBadInput:
         with pytest.raises(ValueError, match="rng"):
             nonsac.register_clouds(np.zeros((5, 3)), np.zeros((5, 3)), rng=-1)
 
+    @pytest.mark.parametrize(("name", "wrong"), [("samples", 0), ("sample_size", 1), ("workers", 0)])
+    def test_other_settings_are_refused_by_name(self, name, wrong):
+        with pytest.raises(ValueError, match=f"^{name} must be"):
+            nonsac.register_clouds(np.zeros((5, 3)), np.zeros((5, 3)), **{name: wrong})
+
     @pytest.mark.parametrize("count", [0, 1, 2])
     def test_too_few_points(self, count, rng):
         result = nonsac.register_clouds(rng.normal(size=(count, 3)), rng.normal(size=(100, 3)))
@@ -224,6 +236,7 @@ class TestVerdict:
         result = nonsac.register_clouds(sample(3000), move(sample(3000), motion(rng)))
         assert result.status is Status.AMBIGUOUS
         assert result.alternatives[0].support > 0.8 * result.inlier_ratio
+        np.testing.assert_array_equal(result.alternatives[0].model, result.alternatives[0].T[:3])
 
     @pytest.mark.parametrize("seed", range(5))
     def test_unrelated_clouds(self, seed):

@@ -6,14 +6,18 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, fields
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
 import nonsac
-from batch_samples import Trouble, call
+from batch_samples import Trouble, by_ransac, call
+from match_samples import K, fill_database, parquet
 from nonsac import Job, estimate_many, simulate
+from nonsac.calls.registry import CALLS, Call
+from nonsac.io import read_colmap_pair
 from nonsac.running.processes import WorkerDied, WorkerProcesses
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
@@ -47,6 +51,7 @@ def a_job_of_each_call():
         Job("absolute_pose", scene.points2d, scene.points3d, noise=0.001, samples=2, name="b"),
         job("c", rng=5),
         job("d", scale=None, weights=np.where(PAIRS.inliers, 2.0, 1.0)),
+        job("e", estimator=by_ransac),
     ]
 
 
@@ -78,7 +83,7 @@ def test_results_are_those_of_the_calls_in_order_for_any_workers(kind, threads, 
         else:
             assert facts(result) == facts(alone)
         assert (result.inliers == alone.inliers).all()
-    assert seen == [(done, 4) for done in (1, 2, 3, 4)]
+    assert seen == [(done, 5) for done in (1, 2, 3, 4, 5)]
 
 
 @pytest.fixture
@@ -117,6 +122,16 @@ def test_what_fails_takes_its_own_place_only(workers, tmp_path):
         outcomes[1:6], ("none.npy", "text.npy", "noise", "300 and 299 rows", "1 and 2"), strict=True
     ):
         assert words in str(outcome)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_estimator_that_fails_in_every_sample_gives_a_result_that_says_so(workers):
+    [(_, result)] = estimate_many([trouble("fails", "fail")], workers=workers)
+    assert not result.found
+    assert not result.success
+    [remark] = result.remarks
+    assert remark.startswith("the estimator failed in some samples: ")
+    assert "Stubborn: 1 and 2" in remark
 
 
 def test_a_worker_that_dies_costs_its_own_job_after_a_second_try(tmp_path):
@@ -211,30 +226,37 @@ def test_an_executor_that_breaks_ends_the_run():
         list(estimate_many(jobs, workers=pool))
 
 
-def test_time_limit_goes_to_the_calls_that_take_it(monkeypatch):
-    from nonsac.calls import jobs as batch
+@dataclass(frozen=True)
+class Recorded(Call):
+    """A call that notes how it was called."""
 
-    given = []
-
-    def recorded(name):
-        def call(*data, time_limit=None, workers=None):
-            given.append((name, time_limit, workers))
+    @property
+    def function(self):
+        def call(*data, workers=None, **settings):
+            GIVEN.append((self.name, settings.get("time_limit"), workers))
 
         return call
 
-    def clouds(source, target, *, workers=None):
-        given.append(("clouds", None, workers))
 
-    monkeypatch.setattr(batch, "_CALLS", {"register_pairs": recorded("pairs"), "register_clouds": clouds})
-    batch.settings_of.cache_clear()
+GIVEN = []
+
+
+def test_time_limit_goes_to_the_calls_that_take_it(monkeypatch):
+    recorded = {
+        name: Recorded(**{each.name: getattr(call, each.name) for each in fields(Call)}) for name, call in CALLS.items()
+    }
+    monkeypatch.setattr("nonsac.calls.jobs.CALLS", recorded)
+    monkeypatch.setattr(sys.modules[__name__], "GIVEN", [])
+    names = [name for name in CALLS if name != "register_clouds"]
+    for name in names:
+        monkeypatch.setitem(vars(recorded[name]), "arguments", CALLS[name].arguments)
     jobs = [
-        Job("register_pairs", PAIRS.source, PAIRS.target),
+        *(Job(name, PAIRS.source, PAIRS.target) for name in names),
         Job("register_pairs", PAIRS.source, PAIRS.target, time_limit=9.0),
         Job("register_clouds", PAIRS.source, PAIRS.target),
     ]
     list(estimate_many(jobs, workers=1, time_limit=2.0))
-    batch.settings_of.cache_clear()
-    assert given == [("pairs", 2.0, 1), ("pairs", 9.0, 1), ("clouds", None, 1)]
+    assert [*((name, 2.0, 1) for name in names), ("register_pairs", 9.0, 1), ("register_clouds", None, 1)] == GIVEN
 
 
 def test_files_are_read_where_the_job_runs(tmp_path):
@@ -261,6 +283,94 @@ def test_files_are_read_where_the_job_runs(tmp_path):
         assert result.T.tobytes() == alone.T.tobytes()
 
 
+def as_parquet(rows, names, **more):
+    return parquet(**dict(zip(names, rows.T, strict=True)), **more)
+
+
+@pytest.mark.parametrize("weights", [None, np.where(PAIRS.inliers, 2.0, 1.0), np.full(300, 0.7)])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_pairs_are_read_from_parquet(make_file, workers, weights):
+    """And other tables; equal weights are none in files that are read whole, as in arrays."""
+    rows, names = np.hstack([PAIRS.source, PAIRS.target]), ("x1", "y1", "z1", "x2", "y2", "z2")
+    more = {} if weights is None else {"weight": weights}
+    path = make_file("p.parquet", as_parquet(rows[:, ::-1], names[::-1], **more, other=["a"] * 300))
+    np.savez(path.with_suffix(".npz"), source=rows[:, :3], target=rows[:, 3:], **({"weights": weights} if more else {}))
+    np.save(path.with_suffix(".npy"), rows if weights is None else np.column_stack([rows, weights]))
+    files = [str(path), path, path.with_suffix(".npz"), path.with_suffix(".npy")]
+    jobs = [Job("register_pairs", file, noise=0.01, samples=2, name=str(file)) for file in files]
+    expected = direct(job("arrays", weights=weights))
+    assert expected.success
+    for each, result in estimate_many(jobs, workers=workers):
+        np.testing.assert_allclose(result.T, expected.T, atol=1e-9)
+        if each.name.endswith(".npz") or np.ptp(more.get("weight", (1, 2))) > 0:
+            assert result.T.tobytes() == expected.T.tobytes()
+            assert (result.covariance is None) == (expected.covariance is None)
+
+
+def test_points_and_matches_are_read_from_parquet(make_file):
+    views, scene = simulate.relative_pose(300, 0.5, 0.001, 1), simulate.absolute_pose(300, 0.5, 0.001, 1)
+    matches = as_parquet(np.hstack([views.points1, views.points2]), ("x1", "y1", "x2", "y2"))
+    points = as_parquet(np.hstack([scene.points2d, scene.points3d]), ("u", "v", "X", "Y", "Z"))
+    jobs = [
+        Job("relative_pose", make_file("m.parquet", matches), noise=0.001, samples=2),
+        Job("absolute_pose", make_file("p.parquet", points), noise=0.001, samples=2),
+    ]
+    expected = map(direct, a_job_of_each_call()[:2])
+    for (_, result), alone in zip(estimate_many(jobs, workers=1), expected, strict=True):
+        assert result.success
+        assert facts(result) == facts(alone)
+
+
+def test_weights_of_the_settings_replace_those_of_the_file(tmp_path):
+    weights = np.where(PAIRS.inliers, 2.0, 1.0)
+    np.savez(tmp_path / "p.npz", source=PAIRS.source, target=PAIRS.target, weights=weights[::-1])
+    result = Job("register_pairs", tmp_path / "p.npz", noise=0.01, samples=2, weights=weights).run()
+    assert result.T.tobytes() == direct(job("arrays", weights=weights)).T.tobytes()
+    assert result.T.tobytes() != Job("register_pairs", tmp_path / "p.npz", noise=0.01, samples=2).run().T.tobytes()
+    with pytest.raises(ValueError, match="weights must have one number for each match"):
+        Job("register_pairs", tmp_path / "p.npz", weights=weights[1:]).run()
+
+
+def test_cameras_and_images_of_files_are_used(tmp_path, monkeypatch):
+    fill_database(tmp_path / "a.db")
+    with pytest.raises(
+        nonsac.InputError, match=r"a\.db: a database holds the matches of many images; name two, as ima"
+    ):
+        Job("relative_pose", tmp_path / "a.db").run()
+    with pytest.raises(nonsac.InputError, match=r"a\.db: holds no image 'none'"):
+        Job("relative_pose", tmp_path / "a.db", image1="none", image2="b.jpg").run()
+    jobs = [
+        Job("relative_pose", tmp_path / "a.db", image1=3, image2="b.jpg", **given) for given in ({}, {"camera2": K})
+    ]
+    called = []
+    monkeypatch.setattr("nonsac.calls.poses.relative_pose", lambda *data, **settings: called.append((data, settings)))
+    expected = read_colmap_pair(tmp_path / "a.db", 3, "b.jpg")
+    for each in jobs:
+        each.run()
+    for (source,), settings in called:
+        np.testing.assert_array_equal(source.take(np.arange(2)), np.hstack([expected.points1, expected.points2]))
+        assert settings["camera1"] == expected.camera1
+        assert set(settings) == {"camera1", "camera2", "workers"}
+    assert called[0][1]["camera2"] == expected.camera2
+    assert called[1][1]["camera2"] is K
+
+
+def test_files_without_matches_are_no_error_of_the_job(tmp_path):
+    """Of hloc and COLMAP, which may find none; in whatever way weights are given."""
+    fill_database(tmp_path / "a.db")
+    for weights in (None, np.empty(0)):
+        result = Job("relative_pose", tmp_path / "a.db", image1=3, image2=11, weights=weights, noise=1.0).run()
+        assert not result.found
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_files_that_do_not_belong_together_are_refused(make_file, count):
+    files = [make_file(f"{number}.csv", "1 2 3 4 5\n") for number in range(count)]
+    message = "a second file is for pairs of images or of clouds" if count == 2 else "is one file too many"
+    with pytest.raises(nonsac.InputError, match=message):
+        Job("absolute_pose", *files).run()
+
+
 def test_a_generator_of_random_numbers_is_drawn_from_in_the_order_of_the_jobs():
     rng = np.random.default_rng(3)
     jobs = [job("a", rng=rng), job("b", rng=rng)]
@@ -277,7 +387,7 @@ def test_a_generator_of_random_numbers_is_drawn_from_in_the_order_of_the_jobs():
         (
             lambda: Job("register_pairs", "a", nois=1.0),
             TypeError,
-            "no setting 'nois' in a job; it has target, noise, scale",
+            "no setting 'nois' in a job; it has target, scale, weights, noise, samples,",
         ),
         (lambda: Job("register_clouds", "a", "b", time_limit=1), TypeError, "no setting 'time_limit'"),
         (lambda: Job("register_pairs", "a", workers=4), TypeError, "no setting 'workers'"),

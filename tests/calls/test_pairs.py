@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import naive
 import nonsac
-from nonsac import Pcr99, Status, estimate, register_pairs, simulate
+from nonsac import Estimator, Noise, Pcr99, Status, estimate, register_pairs, simulate
 from nonsac.evaluation import rotation_error
 from nonsac.problems import Registration
 from nonsac.sources import ArraySource
@@ -137,13 +137,10 @@ def test_it_is_the_pipeline_with_its_defaults():
 def test_settings_reach_the_pipeline(rng):
     told, names = [], []
 
-    class Estimator:
-        def estimate(self, problem, rows, threshold, rng):
-            names.append((len(rows), threading.current_thread().name))
-            return Pcr99.for_pairs().estimate(problem, rows, threshold, rng)
-
-        def with_budget(self, factor):
-            return self
+    class Told(Estimator):
+        def estimate(self, problem, rows, noise, rng):
+            names.append((len(rows), noise, threading.current_thread().name))
+            return Pcr99.for_pairs().estimate(problem, rows, noise, rng)
 
     source, target = exact(rng, 500)
     result = register_pairs(
@@ -152,14 +149,14 @@ def test_settings_reach_the_pipeline(rng):
         noise=1e-3,
         samples=4,
         sample_size=50,
-        estimator=Estimator(),
+        estimator=Told(),
         rule="most_inliers",
         refine="none",
         workers=1,
         rng=17,
         progress=lambda done, total: told.append((done, total)),
     )
-    assert names == [(50, "MainThread")] * 4
+    assert names == [(50, Noise.given(1e-3), "MainThread")] * 4
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert (result.info["rule"], result.info["seed"], result.info["sample_size"]) == ("most_inliers", 17, 50)
     assert any(np.array_equal(result.T[:3], h.model) for h in result.hypotheses)

@@ -353,7 +353,7 @@ WORLD = np.linspace(0, 1, 60).reshape(20, 3)
         ((POINTS.T, POINTS), {"noise": 1}, r"points1 .* got \(2, 20\): pass points1\.T"),
         ((POINTS, POINTS[:, None]), {"noise": 1}, r"points2 .* pass points2\[:, 0\]"),
         ((POINTS, WORLD), {"noise": 1}, r"points2 must have one point in each row \(n, 2\), got shape \(20, 3\)"),
-        ((POINTS, POINTS, None, CAMERA), {}, "camera1 must be given where camera2 is"),
+        ((POINTS, POINTS, None, CAMERA), {}, "camera1 must be given if camera2 is"),
         ((POINTS, POINTS, np.zeros((3, 3))), {}, "camera1: "),
         ((POINTS, POINTS, CAMERA, "FISHEYE 1 2"), {}, "camera2: .*FISHEYE"),
         ((POINTS, POINTS), {"noise": 0}, "noise must be a positive number"),

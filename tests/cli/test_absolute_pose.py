@@ -101,7 +101,8 @@ def test_normalised_points_need_no_camera(folder, points, run):
 def test_options_are_passed_on(table, points, monkeypatch, run):
     told, result = {}, points.solved()
 
-    def record(*arrays, **options):
+    def record(rows, second, camera, **options):
+        assert (len(rows), rows.width, second, camera) == (400, 5, None, FIRST)
         told.update(options)
         return result
 
@@ -113,6 +114,8 @@ def test_options_are_passed_on(table, points, monkeypatch, run):
         "max_samples": 9,
         "time_limit": 60.0,
         "max_memory": "1 GB",
+        "estimator": "ransac",
+        "rule": "most_inliers",
         "refine": "full",
         "seed": 5,
         "workers": 1,
@@ -120,7 +123,7 @@ def test_options_are_passed_on(table, points, monkeypatch, run):
     run("absolute-pose", table, *CAMERA, *(x for k, v in options.items() for x in (f"--{k.replace('_', '-')}", v)))
     told.pop("progress")
     del options["seed"]
-    assert told == options | {"rng": 5, "weights": None}
+    assert told == options | {"rng": 5}
 
 
 # --- output ------------------------------------------------------------
@@ -218,10 +221,13 @@ def test_points_that_are_not_finite(folder, points, run):
         (["--camera1", str(FIRST)], "No such option"),
         (["--samples", "0"], "'--samples': '0' is neither a number of at least 1 nor 'auto'"),
         (["--samples", "many"], "'--samples': 'many' is neither a number of at least 1 nor 'auto'"),
-        (["--max-samples", "0"], "'--max-samples'"),
-        (["--time-limit", "0"], "'--time-limit': 0 is not a positive number"),
-        (["--noise", "-1"], "'--noise': -1 is not a positive number"),
-        (["--sample-size", "2"], "'--sample-size'"),
+        (["--max-samples", "0"], "'--max-samples': '0' is not a whole number of at least 1"),
+        (["--time-limit", "0"], "'--time-limit': '0' is not a positive number"),
+        (["--noise", "-1"], "'--noise': '-1' is not a positive number"),
+        (["--sample-size", "2"], "'--sample-size': '2' is neither a number of at least 3 nor 'auto'"),
+        (["--estimator", "lmeds"], "'--estimator': 'lmeds' is not one of ransac, pcr99"),
+        (["--estimator", "pcr99"], "'--estimator': 'pcr99' is not for absolute-pose (Pcr99 estimates 3D registrations"),
+        (["--rule", "best"], "'--rule': rule must be one of most_inliers, closest_pair,"),
         (["--output", "T.png"], "'--output': T.png: T is written as text"),
         (["--save-inliers", "mask"], "'--save-inliers': mask: the inliers are written as"),
         (["--save-inliers", "points.npy"], "points.npy is already used for POINTS"),
@@ -246,7 +252,8 @@ def test_files_that_cannot_be_used(folder, points, refused):
     assert refused("absolute-pose", "none.npz") == "nonsac: none.npz: no such file; check the path\n"
     assert "none: no such file" in refused("absolute-pose", "none", "--image", "one.jpg")
     assert "empty: is no model of COLMAP" in refused("absolute-pose", "empty", "--image", "one.jpg")
-    assert "four.csv: has 4 columns" in refused("absolute-pose", "four.csv", *CAMERA)
+    message = refused("absolute-pose", "four.csv", *CAMERA)
+    assert "four.csv: rows of 4 columns, not of 5 (u v X Y Z), or 6 with a weight" in message
     assert "skew.npz: camera: K has the skew 1.0" in refused("absolute-pose", "skew.npz")
     assert "weights.npz: weights must not all be zero" in refused("absolute-pose", "weights.npz")
     assert "'--image': sparse holds the points of many images; name one" in refused("absolute-pose", "sparse")

@@ -126,6 +126,32 @@ def test_every_call_with_files_beside_the_manifest(run, folder):
     assert pnp["T"] == points.solved(K, noise=0.5, sample_size=200).T.tolist()
 
 
+def test_estimators_and_rules_are_columns(run, folder):
+    pairs = write_pairs("0.npy", 0)
+    chosen = [
+        {"estimator": "ransac"},
+        {"estimator": "pcr99", "scale": "free"},
+        {"rule": "most_inliers", "refine": "none", "samples": "5", "sample-size": "40"},
+        {"estimator": "ransac", "rule": "tlp_0.5", "refine": "none", "samples": "5", "sample-size": "40"},
+        {},
+    ]
+    manifest = write_manifest([{"call": "register-pairs", "pairs": "0.npy", "noise": "0.01"} | row for row in chosen])
+    run("batch", manifest, "--output", "out.jsonl", "--workers", "1")
+    few = {"noise": 0.01, "refine": "none", "samples": 5, "sample_size": 40}
+    expected = [
+        nonsac.register_pairs(pairs.source, pairs.target, **settings)
+        for settings in (
+            {"noise": 0.01, "estimator": "ransac"},
+            {"noise": 0.01, "estimator": "pcr99", "scale": None},
+            few | {"rule": "most_inliers"},
+            few | {"estimator": "ransac", "rule": "tlp_0.5"},
+            {"noise": 0.01},
+        )
+    ]
+    assert [line["T"] for line in results()] == [result.T.tolist() for result in expected]
+    assert [line["status"] for line in results()] == [result.status for result in expected]
+
+
 def test_warnings_of_a_pair_are_in_its_line(run, folder):
     rows = write_table("m.npy", two_views().rows, "")
     code, _, err = run(
@@ -152,11 +178,18 @@ REFUSED = {
     "call,pairs,noise\nregister-pairs,,1": "line 2: register-pairs needs a file in the column 'pairs'",
     "call,source\nregister-clouds,a.npy": "line 2: register-clouds needs a file in the column 'target'",
     "call,pairs,image1\nregister-pairs,a.npy,x": "line 2: register-pairs has no 'image1'; it has pairs, second,",
-    "call,pairs,noise\nregister-pairs,a.npy,-1": "line 2: noise: -1 is not a positive number",
+    "call,pairs,noise\nregister-pairs,a.npy,-1": "line 2: noise: '-1' is not a positive number",
     "call,pairs,noise\nregister-pairs,a.npy,x": "line 2: noise: 'x' is not a positive number",
     "call,pairs,scale\nregister-pairs,a.npy,any": "line 2: scale: 'any' is neither",
     "call,pairs,samples\nregister-pairs,a.npy,0": "line 2: samples: '0' is neither",
     "call,pairs,seed\nregister-pairs,a.npy,-1": "line 2: seed: '-1' is not a whole number of at least 0",
+    "call,pairs,refine\nregister-pairs,a.npy,best": "line 2: refine: 'best' is not one of union, polish, full, none",
+    "call,pairs,estimator\nregister-pairs,a.npy,lmeds": "line 2: estimator: 'lmeds' is not one of ransac, pcr99",
+    "call,matches,estimator\nrelative-pose,a.npy,pcr99": "line 2: estimator: 'pcr99' is not for relative-pose (",
+    "call,pairs,rule\nregister-pairs,a.npy,best": "line 2: rule: rule must be one of most_inliers, closest_pair,",
+    "call,source,target,rule\nregister-clouds,a.npy,b.npy,tlp_1": "line 2: register-clouds has no 'rule'; it has",
+    "call,pairs,workers\nregister-pairs,a.npy,2": "line 2: there is no column 'workers'; the columns are name, call,",
+    "call,pairs,rng\nregister-pairs,a.npy,2": "line 2: there is no column 'rng'; the columns are name, call,",
     "call,matches,camera1\nrelative-pose,a.npy,none.txt": "line 2: camera1: 'none.txt' is neither a file nor a camera",
     "call,pairs\nregister-pairs,a.npy,b.npy": "line 2: has more cells than the header has names",
     "call,pairs": "holds no pairs",
@@ -173,6 +206,9 @@ def test_other_misuse(refused, folder, four):
     assert "end the name in one of these" in refused("batch", four, "--output", "out.csv")
     assert "does not exist; create it first" in refused("batch", four, "--output", "no/out.jsonl")
     assert "none.csv" in refused("batch", "none.csv", "--output", "out.jsonl")
+    for text in ("0", "-1", "inf", "soon"):
+        message = refused("batch", four, "--output", "out.jsonl", "--time-limit", text)
+        assert f"'--time-limit': '{text}' is not a positive number" in message
     assert "end the name in one of these" in refused("batch", "0.npy", "--output", "out.jsonl")
     Path("pairs.jsonl").write_text('{"pairs": "a.npy"}\n{"pairs"\n')
     out = ("--output", "out.jsonl")
@@ -317,6 +353,7 @@ def test_what_is_left_of_another_run_is_refused(run, four, interrupted):
     assert "is of a run with --time-limit None, not 5.0; resume with the settings of that run" in told(
         "--time-limit", "5"
     )
+    assert "is of a run with --time-limit None, not 1234567.891; resume" in told("--time-limit", "1234567.891")
     Path(four).write_text(text.replace("0.01", "0.02"))
     assert "is of a run with manifest " in told()
     assert Path("out.jsonl.partial").read_bytes() == kept
@@ -335,7 +372,6 @@ def test_memory_and_the_last_fit_are_columns(run, tmp_path, monkeypatch, rng):
     monkeypatch.chdir(tmp_path)
     pairs = nonsac.simulate.registration(150_000, 0.5, 0.01, rng)
     np.save("rows.npy", np.hstack([pairs.source, pairs.target]))
-    monkeypatch.setattr("nonsac.calls.jobs._LARGE", 10**6)  # opened as a source
     lines = ["name,pairs,noise,refine,max_memory", "a,rows.npy,0.01,full,", "b,rows.npy,0.01,polish,16 MB"]
     (tmp_path / "pairs.csv").write_text("\n".join(lines))
     code, *_ = run("batch", "pairs.csv", "--call", "register-pairs", "--output", "out.jsonl", "--workers", "1")

@@ -25,7 +25,7 @@ def test_warmup(run, monkeypatch):
     code, out, err = run("warmup")
     assert (code, said(err)) == (0, [])
     assert "compiled" in out
-    assert told == [["noise"], ["noise", "weights"]] * 2
+    assert told == [["noise"], ["noise", "refine", "weights"]] * 2
 
 
 def test_help_and_version(run):
@@ -38,7 +38,7 @@ def test_help_and_version(run):
 
 SHARED = {"--samples", "--sample-size", "--seed", "--workers", "--output", "--picture", "--json", "--quiet", "--help"}
 ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--time-limit", "--columns", "--dataset"}
-ROWS |= {"--max-memory", "--refine"}
+ROWS |= {"--max-memory", "--estimator", "--rule", "--refine"}
 OPTIONS = {
     "register-clouds": SHARED | {"--save-aligned"},
     "register-pairs": ROWS | {"--scale", "--save-aligned"},
@@ -63,11 +63,25 @@ def test_help_lists_the_options(run, command):
     assert re.search(rf"^  {command} ", run("--help")[1].replace("│", " ").replace("| ", "  "), re.MULTILINE)
 
 
-def test_help_imports_nothing_heavy():
-    code = "import sys; from nonsac.cli import main; main(['relative-pose', '--help']); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.stdout.startswith(" ")
-    loaded = {name.split(".")[0] for name in done.stdout.splitlines()[-1].split()}
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["--help"], 0),
+        (["relative-pose", "--help"], 0),
+        (["batch", "--help"], 0),
+        (["reproduce", "table2", "--help"], 0),
+        (["register-pairs", "pairs.npy", "--sede", "1"], 2),
+        (["register-pairs", "pairs.npy", "--noise", "much", "--estimator", "ransac"], 2),
+        (["relative-pos"], 2),
+    ],
+)
+def test_help_and_mistyped_options_import_nothing_heavy(arguments, code):
+    program = f"import sys; from nonsac.cli import main; code = main({arguments}); print(); print(code, *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    returned, *modules = done.stdout.splitlines()[-1].split()
+    assert int(returned) == code
+    assert (done.stdout.strip(" \n").startswith("Usage: nonsac"), done.stderr.count("\n")) == (code == 0, code // 2)
+    loaded = {name.split(".")[0] for name in modules}
     assert "typer" in loaded
     assert not loaded & {"numba", "numpy", "scipy", "matplotlib", "h5py", "sqlite3", "pyarrow", "fsspec"}
 

@@ -69,6 +69,14 @@ def test_json_is_all_of_stdout_and_the_same_as_the_library_says(scans, run, elep
     np.testing.assert_array_equal(T, io.read_transform("T.txt"))
 
 
+@pytest.mark.parametrize(("noise", "remark"), [(0.05, "noise is smaller than given"), (0.001, "noise is larger")])
+def test_a_wrong_noise_is_remarked_on_with_its_factor(matches, run, noise, remark):
+    _, out, _ = run("register-pairs", "pairs.npy", "--noise", noise)
+    [line] = [line for line in out.splitlines() if "remark" in line]
+    assert line.startswith(f"  remark: {remark}")
+    assert float(line.split("by a factor of ")[1]) > 3.0
+
+
 def test_samples_and_sample_size_are_passed_on(scans, run):
     _, out, _ = run("register-clouds", *scans[:2], "--json", "--samples", 2, "--sample-size", 1500)
     assert len(json.loads(out)["hypotheses"]) == 2
@@ -202,10 +210,13 @@ def test_pairs_of_unequal_length(scans, refused):
         (["--output", "T.txt", "--save-aligned", "./T.txt"], "T.txt is already used for --output"),
         (["--save-aligned", "source.ply"], "source.ply is already used for SOURCE"),
         (["--sede", "1"], "No such option"),
-        (["--samples", "0"], "'--samples'"),
-        (["--sample-size", "2"], "'--sample-size'"),
-        (["--seed", "-1"], "'--seed'"),
-        (["--workers", "0"], "'--workers'"),
+        (["--samples", "0"], "'--samples': '0' is not a whole number of at least 1"),
+        (["--samples", "auto"], "'--samples': 'auto' is not a whole number of at least 1"),
+        (["--sample-size", "2"], "'--sample-size': '2' is not a whole number of at least 3"),
+        (["--seed", "-1"], "'--seed': '-1' is not a whole number of at least 0"),
+        (["--workers", "0"], "'--workers': '0' is neither a number of at least 1 nor an address (tcp://host:8786)"),
+        (["--estimator", "ransac"], "No such option: --estimator"),
+        (["--rule", "tlp_0.1"], "No such option: --rule"),
     ],
 )
 def test_options_are_refused_before_any_work(scans, refused, monkeypatch, options, message):
@@ -216,10 +227,10 @@ def test_options_are_refused_before_any_work(scans, refused, monkeypatch, option
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--noise", "-1"], "'--noise': -1 is not a positive number"),
-        (["--noise", "nan"], "'--noise': nan is not a positive number"),
-        (["--noise", "much"], "'--noise'"),
-        (["--noise", "1", "--scale", "0"], "'--scale': 0 is not a positive number"),
+        (["--noise", "-1"], "'--noise': '-1' is not a positive number"),
+        (["--noise", "nan"], "'--noise': 'nan' is not a positive number"),
+        (["--noise", "much"], "'--noise': 'much' is not a positive number"),
+        (["--noise", "1", "--scale", "0"], "'--scale': '0' is neither a positive number nor 'free'"),
         (["--noise", "1", "--scale", "fre"], "'--scale': 'fre' is neither a positive number nor 'free'"),
     ],
 )

@@ -143,7 +143,8 @@ def test_normalised_points_need_no_camera(folder, run):
 def test_options_are_passed_on(table, views, monkeypatch, run):
     told, result = {}, views.solved()
 
-    def record(*points, **options):
+    def record(rows, second, *cameras, **options):
+        assert (len(rows), rows.width, second, cameras) == (400, 4, None, (FIRST, SECOND))
         told.update(options)
         return result
 
@@ -155,6 +156,8 @@ def test_options_are_passed_on(table, views, monkeypatch, run):
         "max_samples": 9,
         "time_limit": 60.0,
         "max_memory": "1 GB",
+        "estimator": "ransac",
+        "rule": "most_inliers",
         "refine": "full",
         "seed": 5,
         "workers": 1,
@@ -162,7 +165,7 @@ def test_options_are_passed_on(table, views, monkeypatch, run):
     run("relative-pose", table, *CAMERAS, *(x for k, v in options.items() for x in (f"--{k.replace('_', '-')}", v)))
     told.pop("progress")
     del options["seed"]
-    assert told == options | {"rng": 5, "weights": None}
+    assert told == options | {"rng": 5}
 
 
 # --- output ------------------------------------------------------------
@@ -354,12 +357,15 @@ def test_matches_that_are_not_finite(folder, views, run):
         (["--camera2", str(SECOND)], "'--camera1': give the camera of the first image, too"),
         (["--samples", "0"], "'--samples': '0' is neither a number of at least 1 nor 'auto'"),
         (["--samples", "many"], "'--samples': 'many' is neither a number of at least 1 nor 'auto'"),
-        (["--max-samples", "0"], "'--max-samples'"),
-        (["--time-limit", "0"], "'--time-limit': 0 is not a positive number"),
-        (["--noise", "0"], "'--noise': 0 is not a positive number"),
-        (["--noise", "inf"], "'--noise': inf is not a positive number"),
+        (["--max-samples", "0"], "'--max-samples': '0' is not a whole number of at least 1"),
+        (["--time-limit", "0"], "'--time-limit': '0' is not a positive number"),
+        (["--noise", "0"], "'--noise': '0' is not a positive number"),
+        (["--noise", "inf"], "'--noise': 'inf' is not a positive number"),
         (["--samples", "0"], "'--samples'"),
-        (["--sample-size", "4"], "'--sample-size'"),
+        (["--sample-size", "4"], "'--sample-size': '4' is neither a number of at least 5 nor 'auto'"),
+        (["--estimator", "lmeds"], "'--estimator': 'lmeds' is not one of ransac, pcr99"),
+        (["--estimator", "pcr99"], "'pcr99' is not for relative-pose (Pcr99 estimates 3D registrations only"),
+        (["--rule", "best"], "'--rule': rule must be one of most_inliers, closest_pair,"),
         (["--output", "T.npz"], "'--output': T.npz: T is written as text"),
         (["--save-inliers", "mask.npz"], "'--save-inliers': mask.npz: the inliers are written as .npy, .txt or .csv"),
         (["--save-inliers", "none/mask.npy"], "'--save-inliers': none/mask.npy: the folder"),
@@ -398,7 +404,7 @@ def test_an_output_may_not_replace_the_file_of_a_camera(table, refused):
 def test_files_that_cannot_be_used(folder, views, refused):
     Path("cut.npz").write_bytes(b"PK\x03\x04 and so on")
     Path("text.db").write_text("no database")
-    Path("pairs.foo").write_text("1 2 3 4\n")
+    Path("pairs.foo").write_bytes(bytes(range(256)))
     Path("three.csv").write_text("1,2,3\n")
     np.savez("singular.npz", points1=views.points1, points2=views.points2, K1=np.diag([500.0, 0, 1]))
     np.savez("second.npz", points1=views.points1, points2=views.points2, K2=SECOND.K)
@@ -407,8 +413,10 @@ def test_files_that_cannot_be_used(folder, views, refused):
     assert "none.db: no such file" in refused("relative-pose", "none.db", *NAMES)
     assert "cut.npz: is truncated or damaged" in refused("relative-pose", "cut.npz")
     assert "text.db: is not an SQLite database" in refused("relative-pose", "text.db", *NAMES)
-    assert "pairs.foo: unknown suffix" in refused("relative-pose", "pairs.foo")
-    assert "three.csv: has 3 columns" in refused("relative-pose", "three.csv")
+    message = refused("relative-pose", "pairs.foo")
+    assert "pairs.foo: is no table of rows, it looks like an unknown binary file; give one of Parquet file" in message
+    message = refused("relative-pose", "three.csv")
+    assert "three.csv: rows of 3 columns, not of 4 (x1 y1 x2 y2), or 5 with a weight; choose columns" in message
     assert "singular.npz: camera1: fy is 0.0; expected a focal length" in refused("relative-pose", "singular.npz")
     assert "'--camera1': give the camera of the first image" in refused("relative-pose", "second.npz")
     assert "weights.npz: weights must not be negative" in refused("relative-pose", "weights.npz")

@@ -9,7 +9,7 @@ import pytest
 import nonsac
 from cli_samples import FIRST, SECOND, scene, two_views, write_table
 from nonsac import plot, simulate
-from nonsac.cli import rows as table_rows
+from nonsac.cli import run as flow
 
 CAMERAS = ("--camera1", str(FIRST), "--camera2", str(SECOND))
 MATCHES, POINTS, PAIRS = ("x1", "y1", "x2", "y2"), ("u", "v", "X", "Y", "Z"), ("x1", "y1", "z1", "x2", "y2", "z2")
@@ -79,15 +79,45 @@ def test_register_pairs(folder, pairs, run, path):
     np.testing.assert_array_equal(report["T"], nonsac.register_pairs(pairs.source, pairs.target, noise=0.01).T)
 
 
-@pytest.mark.parametrize("name", ["rows.npy", "rows.parquet"])
-def test_large_files_are_read_in_pieces(folder, views, run, monkeypatch, name):
-    """NumPy files, too, where sources of them are at hand."""
-    write_table(name, views.rows, " ".join(MATCHES))
-    assert not table_rows.opens_as_source(name, None, None)
-    monkeypatch.setattr(table_rows, "_LARGE", 1000)
-    monkeypatch.setattr("nonsac.io.read_matches", None)
-    report = as_json(run, "relative-pose", name, *CAMERAS)
-    np.testing.assert_array_equal(report["T"], views.solved().T)
+@pytest.fixture
+def read(monkeypatch):
+    """How many rows are read of sources of files, call by call."""
+    counts = []
+
+    def take(source, indices):
+        counts.append(len(indices))
+        return source.original_take(indices)
+
+    def chunks(source, rows, start=0, stop=None):
+        counts.append((len(source) if stop is None else stop) - start)
+        return source.original_chunks(rows, start, stop)
+
+    for kind in (nonsac.NpySource, nonsac.ParquetSource):
+        monkeypatch.setattr(kind, "original_take", kind.take, raising=False)
+        monkeypatch.setattr(kind, "original_chunks", kind.chunks, raising=False)
+        monkeypatch.setattr(kind, "take", take)
+        monkeypatch.setattr(kind, "chunks", chunks)
+    return counts
+
+
+@pytest.mark.parametrize("name", ["rows.npy", "rows.parquet", "rows.arrow"])
+def test_tables_are_read_in_pieces(folder, run, read, name):
+    """Of a table of whatever size no more is read than the call itself reads, and 1,000 rows that are looked at."""
+    many = two_views(n=6000)
+    if name == "rows.npy":
+        np.save(name, many.rows)
+    else:
+        write(name, columns(MATCHES, many.rows), 1000)
+    chosen = {"samples": 2, "sample_size": 200, "refine": "union", "workers": 1}
+    source = nonsac.open_source(name, layout="x1 y1 | x2 y2")
+    expected = nonsac.relative_pose(source, None, FIRST, SECOND, **chosen)
+    by_the_call = read.copy()
+    read.clear()
+    options = [part for key, value in chosen.items() for part in (f"--{key.replace('_', '-')}", value)]
+    report = as_json(run, "relative-pose", name, *CAMERAS, *options)
+    assert read == [1000, *by_the_call]
+    np.testing.assert_array_equal(report["T"], expected.T)
+    assert name != "rows.npy" or sum(read) < 4000
 
 
 @pytest.mark.parametrize("chosen", ["c,d,a,b", "3, 4,1,2"])
@@ -118,7 +148,8 @@ def test_a_dataset(folder, views, run):
 def test_all_inliers_are_written_and_some_rows_drawn(folder, views, run, monkeypatch):
     drawn = []
     monkeypatch.setattr(plot, "two_views", lambda *arguments: drawn.append(arguments))
-    monkeypatch.setattr(table_rows, "_DRAWN", (60, 2))
+    monkeypatch.setattr(flow, "_DRAWN", (60, 2))
+    monkeypatch.setattr("nonsac.io.matches._SMALL", 1000)
     write("rows.arrow", columns(MATCHES, views.rows), 100)
     outputs = ("--save-inliers", "mask.npy", "--picture", "p.png")
     code, _, err = run("relative-pose", "rows.arrow", *CAMERAS, *outputs)
@@ -147,6 +178,48 @@ def test_pictures(folder, views, pairs, run, command):
     assert Path("p.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize("name", ["rows.npy", "rows.parquet", "rows.csv"])
+def test_all_rows_of_a_small_table_are_drawn(folder, views, run, monkeypatch, name):
+    drawn = []
+    monkeypatch.setattr(plot, "two_views", lambda *arguments: drawn.append(arguments))
+    monkeypatch.setattr(flow, "_DRAWN", (60, 2))
+    write_table(name, views.rows, " ".join(MATCHES))
+    code, _, err = run("relative-pose", name, *CAMERAS, "--picture", "p.png")
+    assert code == 0
+    assert "shows" not in err
+    np.testing.assert_array_equal(np.hstack(drawn[0][1:3]), views.rows)
+    np.testing.assert_array_equal(drawn[0][3], views.solved().inliers)
+
+
+@pytest.mark.parametrize("name", ["pairs.npy", "pairs.parquet", "pairs.csv"])
+def test_the_source_of_a_small_table_is_written_aligned(folder, pairs, run, refused, monkeypatch, name):
+    write_table(name, np.hstack([pairs.source, pairs.target]), " ".join(PAIRS))
+    assert run("register-pairs", name, "--noise", 0.01, "--save-aligned", "moved.npy")[0] == 0
+    result = nonsac.register_pairs(pairs.source, pairs.target, noise=0.01)
+    np.testing.assert_array_equal(np.load("moved.npy"), result.apply(pairs.source))
+    monkeypatch.setattr("nonsac.io.matches._SMALL", 1000)
+    if name != "pairs.csv":  # text is in memory
+        message = refused("register-pairs", name, "--save-aligned", "a.ply")
+        assert f"'--save-aligned': {name} is read in pieces, never whole; write T with --output" in message
+
+
+@pytest.mark.parametrize("name", ["rows.dat", "rows", "rows.tsv", "rows.npy"])
+def test_the_content_says_of_which_kind_a_file_is(folder, views, run, name):
+    np.savetxt("text", views.rows, "%.17g", "\t")
+    for kind in ("text", write_table("array.npy", views.rows, ""), write_table("p.parquet", views.rows, "x1 y1 x2 y2")):
+        Path(name).write_bytes(Path(kind).read_bytes())
+        report = as_json(run, "relative-pose", name, *CAMERAS)
+        np.testing.assert_array_equal(report["T"], views.solved().T)
+
+
+@pytest.mark.parametrize("name", ["rows.csv", "rows.parquet"])
+def test_columns_are_found_by_name_in_whatever_order_and_case(folder, views, run, name):
+    table = np.column_stack([views.weights, views.rows[:, ::-1], views.weights])
+    write_table(name, table, "id Y2 X2 Y1 X1 weight")
+    report = as_json(run, "relative-pose", name, *CAMERAS)
+    np.testing.assert_array_equal(report["T"], views.solved(weights=views.weights).T)
+
+
 # --- refusals ----------------------------------------------------------
 
 
@@ -160,16 +233,20 @@ def test_what_cannot_be_used(folder, views, refused):
     write("rows/3.parquet", columns(MATCHES[:3], views.rows[:, :3]))
     Path("cut.arrow").write_bytes(Path("rows.arrow").read_bytes()[:3000])
     np.savetxt("rows.csv", views.rows, delimiter=",")
-    unfit, chosen = "(a b c d e f), not of 4 (x1 y1 x2 y2), or 5 with a weight", "a,b,c,d"
+    np.save("six.npy", np.column_stack([views.rows, views.weights, views.weights]))
+    np.save("across.npy", views.rows.T)
+    unfit, chosen = "(a b c d e f), of which none is called x1 y1 x2 y2", "a,b,c,d"
     for arguments, message in (
         (
             ["rows.arrow"],
-            f"rows.arrow: rows of 6 columns {unfit}; choose columns",
+            f"rows.arrow: rows of 6 columns {unfit}; rename the columns, or choose them, by name or position, in",
         ),
+        (["six.npy"], "six.npy: rows of 6 columns, not of 4 (x1 y1 x2 y2), or 5 with a weight; choose columns"),
+        (["across.npy"], "across.npy: rows of 400 columns, not of 4 (x1 y1 x2 y2), or 5 with a weight; transpose it"),
         (["rows.arrow", "--columns", "a,b,c,g"], "rows.arrow: holds no column 'g' (it holds word, a, b, c, d, e, f)"),
         (["rows.arrow", "--columns", "a,b,,c"], "'--columns': 'a,b,,c' is no list of columns such as x1,y1,x2,y2"),
         (["rows.arrow", "--columns", "a,b,word,c"], "rows.arrow: column 'word' holds string, not numbers"),
-        (["rows.arrow", "--columns", "1,2,3"], "rows.arrow: rows of 3 columns (a b c), not of 4"),
+        (["rows.arrow", "--columns", "1,2,3"], "rows.arrow: rows of 3 columns, not of 4 (x1 y1 x2 y2)"),
         (["rows.arrow", "--columns", "1,2,3,77"], "rows.arrow: holds no column 77, counted from 0 (it holds word, a"),
         (["rows.arrow", "--dataset", "x"], "rows.arrow: holds no datasets, it is an Arrow file"),
         (["rows"], "rows/3.parquet: holds no column 'y2' (it holds word, x2, y1, x1)"),
@@ -185,8 +262,28 @@ def test_what_cannot_be_used(folder, views, refused):
         (["memory://nothing.parquet"], "memory://nothing.parquet: no such file; check the path"),
     ):
         assert message in refused("relative-pose", *arguments), arguments
-    message = refused("register-pairs", "odd.parquet", "--save-aligned", "a.ply")
-    assert "'--save-aligned': odd.parquet is read in pieces" in message
+
+
+@pytest.mark.parametrize("name", ["rows.csv", "rows.npy", "rows.parquet"])
+def test_weights_that_mean_nothing(folder, views, refused, name):
+    for weights, message in (
+        (np.where(np.arange(400) == 200, -0.5, 1.0), "weights must not be negative, got -0.5"),
+        (np.zeros(400), "weights must not all be zero"),
+    ):
+        write_table(name, np.column_stack([views.rows, weights]), " ".join((*MATCHES, "weight")))
+        assert f"{name}: {message}" in refused("relative-pose", name, *CAMERAS)
+
+
+def test_weights_of_the_rows_that_are_looked_at(folder, views, run, refused):
+    """They are those of the first block: if they are zero, others may follow."""
+    tables = {}
+    for name, weight in (("negative.arrow", -0.5), ("zero.arrow", 0.0)):
+        tables[name] = np.column_stack([views.rows, np.where(np.arange(400) < 50, weight, 1.0)])
+        write(name, columns((*MATCHES, "weight"), tables[name]), 50)
+    message = refused("relative-pose", "negative.arrow", *CAMERAS)
+    assert "negative.arrow: weights must not be negative, got -0.5" in message
+    report = as_json(run, "relative-pose", "zero.arrow", *CAMERAS)
+    np.testing.assert_array_equal(report["T"], views.solved(weights=tables["zero.arrow"][:, 4]).T)
 
 
 # --- plans -------------------------------------------------------------
@@ -206,9 +303,8 @@ def test_a_plan(folder, views, run):
 
 def test_plans_that_cannot_be_made(folder, views, refused):
     write("rows", columns(MATCHES, views.rows))
-    assert "rows: rows of 4 columns (y2 x2 y1 x1), not of 5 (u v X Y Z)" in refused(
-        "plan", "rows", "--problem", "absolute-pose"
-    )
+    message = refused("plan", "rows", "--problem", "absolute-pose")
+    assert "rows: rows of 4 columns (y2 x2 y1 x1), of which none is called u v X Y Z; rename" in message
     assert "none: no such file" in refused("plan", "none")
     assert "'--samples'" in refused("plan", "rows", "--samples", 0)
     assert "'--problem'" in refused("plan", "rows", "--problem", "line")

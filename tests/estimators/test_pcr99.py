@@ -7,7 +7,9 @@ from scipy.spatial.transform import Rotation
 import naive
 from nonsac import simulate
 from nonsac.estimators import Pcr99
-from nonsac.problems import Registration
+from nonsac.layouts import Rows
+from nonsac.problems import Noise, Registration
+from nonsac.result import Hypothesis
 
 NOISE = 0.01
 THRESHOLD = 5 * NOISE
@@ -19,6 +21,8 @@ VARIANTS = {
     "known scale": (Pcr99(), 2.5),
     "known scale, distances": (Pcr99.for_pairs(), 2.5),
     "free scale": (Pcr99(), None),
+    "ranked by sums": (Pcr99(rank="sum"), 1.0),
+    "ranked by sums, free scale": (Pcr99(rank="sum"), None),
 }
 variants = pytest.mark.parametrize(("estimator", "scale"), VARIANTS.values(), ids=VARIANTS)
 
@@ -29,7 +33,7 @@ def simulated(rng, scale=1.0, n=1000, outliers=0.95, noise=NOISE):
 
 
 def run(estimator, rows, scale=1.0, threshold=THRESHOLD, seed=0):
-    return estimator.estimate(Registration(scale), rows, threshold, np.random.default_rng(seed))
+    return estimator.estimate(Registration(scale), Rows(rows), Noise.within(threshold), np.random.default_rng(seed))
 
 
 @variants
@@ -199,6 +203,8 @@ def test_a_row_that_is_not_finite_does_no_harm(rng):
     [
         *(("compare", x) for x in ("ratio", None)),
         *(("order", x) for x in ("best", None)),
+        *(("rank", x) for x in ("mean", None)),
+        *(("refit", x) for x in ("twice", None)),
         *(("tolerance", x) for x in (0, -0.1, np.nan)),
         *(("enough_inliers", x) for x in (-0.1, np.nan)),
         *(("min_valid", x) for x in (-1,)),
@@ -211,9 +217,16 @@ def test_wrong_settings_are_refused_by_name(name, wrong):
         Pcr99(**{name: wrong})
 
 
+def test_sums_are_of_log_ratios():
+    with pytest.raises(ValueError, match='rank="sum" adds up differences of log ratios'):
+        Pcr99("distance", rank="sum")
+
+
 def test_distances_need_a_known_scale(rng):
     with pytest.raises(ValueError, match="needs a known scale"):
         run(Pcr99.for_pairs(), rng.standard_normal((20, 6)), scale=None)
+    with pytest.raises(ValueError, match="needs a known scale"):
+        Pcr99.for_pairs().check(Registration(None))
 
 
 def samples_of(rng, count, right, noise=0.02):
@@ -228,12 +241,12 @@ def samples_of(rng, count, right, noise=0.02):
 
 
 def test_a_joint_search_finds_what_single_samples_do_not_show(rng):
-    estimator, threshold, alone, jointly = Pcr99.for_pairs(), 0.1, 0, 0
+    estimator, noise, alone, jointly = Pcr99.for_pairs(), Noise.within(0.1), 0, 0
     for _ in range(10):
         model, samples = samples_of(rng, 10, 5)
-        found = [estimator.estimate(Registration(), rows, threshold, rng) for rows in samples]
+        found = [estimator.estimate(Registration(), Rows(rows), noise, rng) for rows in samples]
         alone += sum(naive.angle_between(h.model, model) < 5 for h in found)
-        joint = estimator.search_jointly(Registration(), found, np.concatenate(samples), threshold, rng)
+        joint = estimator.search_jointly(Registration(), found, Rows(np.concatenate(samples)), noise, rng)
         jointly += naive.angle_between(joint.model, model) < 5
         assert len(joint.residuals) == 1000
     assert alone < 50
@@ -242,19 +255,50 @@ def test_a_joint_search_finds_what_single_samples_do_not_show(rng):
 
 def test_promising_rows_are_consistent_with_the_most_others(rng):
     _, (rows,) = samples_of(rng, 1, 60)
-    hypothesis = Pcr99.for_pairs().estimate(Registration(), rows, 0.1, rng)
+    hypothesis = run(Pcr99.for_pairs(), rows, threshold=0.1)
     a, b = (np.linalg.norm(half[:, None] - half[None], axis=2) for half in (rows[:, :3], rows[:, 3:]))
     counts = (np.abs(a - b) < 0.04).sum(axis=1) - 1
-    assert len(hypothesis.promising) == len(hypothesis.promise) == 100
-    np.testing.assert_allclose(hypothesis.promise, np.sort(counts)[::-1][:100], atol=1)
-    assert {tuple(row) for row in hypothesis.promising} <= {tuple(row) for row in rows}
+    assert len(hypothesis.promising) == len(hypothesis.rank_scores) == 100
+    np.testing.assert_allclose(hypothesis.rank_scores, np.sort(counts)[::-1][:100], atol=1)
+    assert {tuple(row) for row in hypothesis.promising.values} <= {tuple(row) for row in rows}
+
+
+def test_ranked_by_sums_promising_rows_are_those_whose_ratios_differ_least(rng):
+    _, (rows,) = samples_of(rng, 1, 60)
+    hypothesis = run(Pcr99(rank="sum", max_drawn=1000), rows, threshold=0.1)
+    a, b = (np.linalg.norm(half[:, None] - half[None], axis=2) for half in (rows[:, :3], rows[:, 3:]))
+    ratios = np.log(b + np.eye(1000)) - np.log(a + np.eye(1000))  # 0 of a row with itself
+    sums = np.maximum(0, 0.1 - np.abs(ratios)).sum(axis=1) - 0.1
+    np.testing.assert_allclose(hypothesis.rank_scores, np.sort(sums)[::-1][:100], atol=1e-9)
 
 
 def test_a_random_order_has_no_joint_search(rng):
     _, (rows,) = samples_of(rng, 1, 500)
     estimator = Pcr99("distance", "random", tolerance=0.4)
-    hypothesis = estimator.estimate(Registration(), rows, 0.1, rng)
-    assert len(hypothesis.promising) == 0
-    joint = estimator.search_jointly(Registration(), [hypothesis], rows, 0.1, rng)
-    assert not joint.found
-    assert joint.tested == 0
+    hypothesis = run(estimator, rows, threshold=0.1)
+    assert hypothesis.promising is None
+    assert len(hypothesis.rank_scores) == 0
+    assert estimator.search_jointly(Registration(), [hypothesis], Rows(rows), Noise.within(0.1), rng) is None
+
+
+def test_a_joint_search_goes_without_samples_that_promise_nothing(rng):
+    model, (rows,) = samples_of(rng, 1, 200)
+    found = run(Pcr99.for_pairs(), rows, threshold=0.1)
+    nothing = Hypothesis(np.full((3, 4), np.nan), np.full(1000, np.inf), 0.1, tested=0)
+    joint = Pcr99.for_pairs().search_jointly(Registration(), [nothing, found], Rows(rows), Noise.within(0.1), rng)
+    assert naive.angle_between(joint.model, model) < 5
+
+
+def test_promising_rows_keep_their_weights_and_are_ranked_by_them(rng):
+    _, (rows,) = samples_of(rng, 1, 60)
+    weights = np.where(np.arange(1000) % 2, 1.0, 3.0)
+    estimator, noise = Pcr99.for_pairs(), Noise.within(0.1)
+    even, weighted = (estimator.estimate(Registration(), r, noise, rng) for r in (Rows(rows), Rows(rows, weights)))
+    where = {tuple(row): weight for row, weight in zip(rows, weights, strict=True)}
+    np.testing.assert_array_equal(weighted.promising.weights, [where[tuple(row)] for row in weighted.promising.values])
+    assert even.promising.weights is None
+    counts = dict(zip(map(tuple, even.promising.values), even.rank_scores, strict=True))
+    in_both = [i for i, row in enumerate(weighted.promising.values) if tuple(row) in counts]
+    expected = [counts[tuple(weighted.promising.values[i])] * weighted.promising.weights[i] / 2 for i in in_both]
+    np.testing.assert_allclose(weighted.rank_scores[in_both], expected)
+    assert len(in_both) > 20

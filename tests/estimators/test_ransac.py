@@ -10,9 +10,10 @@ from scipy.stats import chisquare
 import naive
 from nonsac import simulate
 from nonsac.estimators import Ransac
-from nonsac.estimators.ransac import minimal_samples, trials_needed
-from nonsac.problems import AbsolutePose, Registration, RelativePose, Weighted
-from nonsac.problems.fits import biweight_costs
+from nonsac.estimators.ransac import minimal_samples
+from nonsac.layouts import Layout, Rows
+from nonsac.problems import AbsolutePose, Noise, Problem, Registration, RelativePose
+from nonsac.problems.fits import biweight_costs, trials_needed
 from nonsac.result import Hypothesis
 
 NOISE = 1e-3
@@ -20,16 +21,15 @@ THRESHOLD = 5 * NOISE
 
 
 @dataclass
-class Constant:
+class Constant(Problem):
     """A problem whose every sample gives a model with the same share of inliers; it takes down what is asked of it."""
 
-    minimal_size: int
-    share: float
+    minimal_size: int = 3
+    share: float = 0.5
     models_per_sample: int = 1
     samples: list = field(default_factory=list)
-    counted: list = field(default_factory=list)
 
-    width, split = 2, 1
+    layout = Layout("x | y")
 
     def solve_minimal(self, samples):
         self.samples.append(samples)
@@ -40,26 +40,16 @@ class Constant:
             np.where(np.arange(len(rows)) < self.share * len(rows), 0.0, 9.0), (len(models), len(rows))
         )
 
-    def count_inliers(self, models, rows, threshold):
-        self.counted.append(len(models))
-        return (self.residuals(models, rows) < threshold).sum(axis=1)
-
     def refit(self, model, rows, weights):
         return model
-
-    def determined(self, model, inliers, threshold):
-        return True
-
-    def distance(self, a, b):
-        return 0.0
 
     @property
     def drawn(self):
         return sum(map(len, self.samples))
 
 
-def estimate(estimator, problem, rows, threshold=THRESHOLD, seed=0):
-    return estimator.estimate(problem, rows, threshold, np.random.default_rng(seed))
+def estimate(estimator, problem, rows, threshold=THRESHOLD, seed=0, weights=None):
+    return estimator.estimate(problem, Rows(rows, weights), Noise.within(threshold), np.random.default_rng(seed))
 
 
 def two_views(rng, n=400, outliers=0.5):
@@ -276,8 +266,8 @@ def test_too_few_rows_with_a_weight_come_twice_but_none_without(rng, positive):
 
 def test_rows_of_weight_zero_are_never_drawn_by_the_estimator(rng):
     problem = Constant(3, 0.5)
-    rows = np.column_stack([np.arange(40.0), rng.standard_normal(40), np.arange(40) % 2])
-    estimate(Ransac(2000), Weighted(problem), rows)
+    rows = np.column_stack([np.arange(40.0), rng.standard_normal(40)])
+    estimate(Ransac(2000), problem, rows, weights=np.arange(40.0) % 2)
     drawn = np.concatenate(problem.samples)[..., 0]
     assert set(drawn.ravel()) == set(np.arange(1.0, 40.0, 2.0))
 
@@ -330,7 +320,7 @@ def test_local_optimisation_lowers_the_cost(rng, problem, make_rows):
         plain, optimised = (
             estimate(Ransac(300, local_optimisation=on), problem, rows, seed=seed) for on in (False, True)
         )
-        costs = [biweight_costs(problem, h.model[None], rows, THRESHOLD)[0] for h in (plain, optimised)]
+        costs = [biweight_costs(problem, h.model[None], Rows(rows), THRESHOLD)[0] for h in (plain, optimised)]
         angles = [naive.angle_between(h.model, T) for h in (plain, optimised)]
         assert costs[1] <= costs[0]
         lower, better = lower + (costs[1] < costs[0]), better + (angles[1] < angles[0])
@@ -354,10 +344,11 @@ def test_local_optimisation_keeps_what_costs_least(rng):
 def test_weights_decide_between_two_models(rng):
     """The larger set of rows weighs less."""
     x = rng.uniform(-1, 1, (300, 1))
-    rows = np.hstack([x, x + np.repeat([0.3, -0.4], [200, 100])[:, None], np.repeat([1.0, 3.0], [200, 100])[:, None]])
+    rows = np.hstack([x, x + np.repeat([0.3, -0.4], [200, 100])[:, None]])
+    weights = np.repeat([1.0, 3.0], [200, 100])
     for settings in ({}, {"confidence": 0.99}, {"local_optimisation": True}):
-        heavy = estimate(Ransac(300, **settings), Weighted(naive.Shift()), rows, 0.05)
-        light = estimate(Ransac(300, **settings), naive.Shift(), rows[:, :2], 0.05)
+        heavy = estimate(Ransac(300, **settings), naive.Shift(), rows, 0.05, weights=weights)
+        light = estimate(Ransac(300, **settings), naive.Shift(), rows, 0.05)
         assert heavy.model[0, 3] == pytest.approx(-0.4)
         assert light.model[0, 3] == pytest.approx(0.3)
 
@@ -365,13 +356,11 @@ def test_weights_decide_between_two_models(rng):
 def test_early_stopping_goes_by_the_weight_of_the_inliers(rng):
     """Half of the rows are inliers, but nine tenths of the weight: 6 samples of 5 would do, not 146."""
     n = 100
-    rows = np.column_stack([rng.standard_normal((n, 2)), np.repeat([9.0, 1.0], n // 2)])
-    problem = Constant(5, 0.5)
-    estimate(Ransac(10**6, confidence=0.99), Weighted(problem), rows)
-    assert problem.drawn == 64
-    light = Constant(5, 0.5)
-    estimate(Ransac(10**6, confidence=0.99), Weighted(light), rows[:, [0, 1, 2]] * [1, 1, 0] + [0, 0, 1])
-    assert light.drawn == 146
+    rows = rng.standard_normal((n, 2))
+    for weights, drawn in ((np.repeat([9.0, 1.0], n // 2), 64), (np.ones(n), 146), (None, 146)):
+        problem = Constant(5, 0.5)
+        estimate(Ransac(10**6, confidence=0.99), problem, rows, weights=weights)
+        assert problem.drawn == drawn
 
 
 # --- no model ---------------------------------------------------------------------------------------------------------
@@ -421,11 +410,10 @@ def line():
 def test_a_problem_in_plain_numpy_works_with_all_options(rng, line, settings, weighted):
     points = rng.uniform(-1, 1, (500, 2))
     points[:150, 1] = 0.5 * points[:150, 0] + 0.2 + rng.normal(0, 0.005, 150)
-    rows = np.column_stack([points, np.ones(500)]) if weighted else points
-    hypothesis = estimate(Ransac(500, **settings), Weighted(line) if weighted else line, rows, 0.025)
-    a, b, c = hypothesis.model.ravel()[:3]
+    hypothesis = estimate(Ransac(500, **settings), line, points, 0.025, weights=np.ones(500) if weighted else None)
+    a, b, c = hypothesis.model
     assert -a / b == pytest.approx(0.5, abs=0.03)
-    assert -c / b == pytest.approx(0.2, abs=0.02)
+    assert c / b == pytest.approx(0.2, abs=0.02)
     assert 130 < hypothesis.num_inliers < 190
 
 
@@ -442,10 +430,21 @@ def test_a_joint_search_goes_on_from_a_model_that_is_right_in_part(rng):
     near = naive.shift_model(3.0 + 4 * noise)
     start = Hypothesis(near, problem.residuals(near[None], rows)[0], 5 * noise)
     nothing = Hypothesis(np.full((3, 4), np.nan), np.full(10, np.inf), 5 * noise)
-    joint = Ransac(10).search_jointly(problem, [nothing, start], rows, 5 * noise, rng)
+    joint = Ransac(10).search_jointly(problem, [nothing, start], Rows(rows), Noise.given(noise), rng)
     assert abs(joint.model[0, 3] - 3.0) < 2 * noise
     assert joint.tested >= 300
     np.testing.assert_array_equal(joint.residuals, problem.residuals(joint.model[None], rows)[0])
+
+
+def test_a_joint_search_goes_by_the_weights_too(rng):
+    """Most rows near the start have one shift, the heavier ones another."""
+    problem, x = naive.Shift(), rng.uniform(-1, 1, 300)
+    rows = np.column_stack([x, x + np.repeat([0.0, 0.1], [200, 100]) + 1e-3 * rng.standard_normal(300)])
+    model = naive.shift_model(0.05)
+    start = Hypothesis(model, problem.residuals(model[None], rows)[0], 0.08)
+    for weights, shift in ((None, 0.0), (np.repeat([1.0, 9.0], [200, 100]), 0.1)):
+        joint = Ransac(10).search_jointly(problem, [start], Rows(rows, weights), Noise.within(0.08), rng)
+        assert joint.model[0, 3] == pytest.approx(shift, abs=5e-3)
 
 
 def test_a_joint_search_without_inliers_returns_what_there_was(rng):
@@ -453,6 +452,6 @@ def test_a_joint_search_without_inliers_returns_what_there_was(rng):
     rows = np.column_stack([np.zeros(10), 10.0 + np.arange(10.0)])
     model = naive.shift_model(0.0)
     start = Hypothesis(model, problem.residuals(model[None], rows)[0], 0.1)
-    joint = Ransac(10).search_jointly(problem, [start], rows, 0.1, rng)
+    joint = Ransac(10).search_jointly(problem, [start], Rows(rows), Noise.within(0.1), rng)
     np.testing.assert_array_equal(joint.model, model)
     assert joint.tested == 0

@@ -6,11 +6,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from io_samples import npz
+from io_samples import npy, npz
 from match_samples import PAIRS, POINTS, WEIGHTS, K, fill_database, parquet, write_binary_model, write_text_model
 from nonsac.io import InputError, read_colmap_points, read_colmap_pose, read_matches, read_points
 
-NAMES = ["pairs.npz", "points.npz", "a.parquet", "a.db", "cameras.bin", "images.bin", "points3D.bin"]
+NAMES = [
+    "pairs.npz",
+    "points.npz",
+    "a.npy",
+    "a.csv",
+    "a.parquet",
+    "a.feather",
+    "a.db",
+    "cameras.bin",
+    "images.bin",
+    "points3D.bin",
+]
 NAMES += ["cameras.txt", "images.txt", "points3D.txt"]
 
 
@@ -24,6 +35,13 @@ def whole(request, tmp_path):
     elif path.suffix == ".parquet":
         columns = dict(zip(["x1", "y1", "x2", "y2"], PAIRS.T, strict=True))
         path.write_bytes(parquet(**columns, weight=WEIGHTS))
+    elif path.suffix == ".npy":
+        path.write_bytes(npy(PAIRS.shape, PAIRS.tobytes()))
+    elif path.suffix == ".csv":
+        path.write_text("x1;weight;y1;x2;name;y2\n1;.5;2;3;a;4\n7;.25;8;nan;;10\n")
+    elif path.suffix == ".feather":
+        table = pytest.importorskip("pyarrow").table(dict(zip(["x1", "y1", "x2", "y2"], PAIRS.T, strict=True)))
+        pytest.importorskip("pyarrow.feather").write_feather(table, str(path))
     elif path.suffix == ".db":
         fill_database(path)
     else:

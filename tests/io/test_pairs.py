@@ -16,7 +16,7 @@ def check(source, target):
         np.testing.assert_array_equal(points, expected)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".txt", ".xyz"])
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".xyz", ".doc", ""])
 @pytest.mark.parametrize(
     "text",
     [
@@ -60,19 +60,30 @@ def test_two_clouds_of_different_length(make_file, refused):
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
-        ("a.csv", "1,2,3,4,5,6,7\n", "has 7 columns and no header, where pairs have six"),
-        ("a.csv", "1,2,3\n", "has 3 columns and no header"),
+        (
+            "a.csv",
+            "1,2,3,4,5,6,7,8\n",
+            "rows of 8 columns, not of 6 (x1 y1 z1 x2 y2 z2), or 7 with a weight; choose columns, or name them in a "
+            "header line: x1 y1 z1 x2 y2 z2",
+        ),
+        ("a.csv", "1,2,3\n", "rows of 3 columns, not of 6 (x1 y1 z1 x2 y2 z2), or 7 with a weight; choose columns of"),
         (
             "a.csv",
             "x1,y1,z1,x2,y2\n1,2,3,4,5\n",
-            "the header names no z2; name the columns x1 y1 z1 x2 y2 z2",
+            "rows of 5 columns (x1 y1 z1 x2 y2), of which none is called z2; rename the columns, or choose them, by "
+            "name or position, in the order of x1 y1 z1 x2 y2 z2",
         ),
         ("a.csv", "x1,y1,z1,x2,y2,z2\n1,2,3,4,5,6\n1,2,3,4,5\n", "line 3 has 5 columns where 6 are needed"),
         ("a.txt", "1 2 3 4 5 6\n1 2 3 4 5 six\n", "line 2: 'six' is not a number"),
-        ("a.txt", "# nothing\n", "holds no pairs"),
+        ("a.txt", "# nothing\n", "the file holds no rows; export it again with its rows"),
+        ("a.txt", "x1 y1 z1 x2 y2 z2\n", "the file holds no matches; export it again with its matches"),
         ("a.txt", "", "the file is empty"),
-        ("a.npy", npy((6, 2), bytes(96)), "shape (6, 2) instead of (n, 6); transpose it"),
-        ("a.npy", npy((2, 3), bytes(48)), "shape (2, 3) instead of (n, 6)"),
+        (
+            "a.npy",
+            npy((6, 2), bytes(96)),
+            "rows of 2 columns, not of 6 (x1 y1 z1 x2 y2 z2), or 7 with a weight; transpose it, one row per match",
+        ),
+        ("a.npy", npy((2, 3), bytes(48)), "rows of 3 columns, not of 6 (x1 y1 z1 x2 y2 z2), or 7 with a weight"),
         (
             "a.npz",
             npz(p=np.ones((2, 3)), q=np.ones((2, 3))),
@@ -81,14 +92,13 @@ def test_two_clouds_of_different_length(make_file, refused):
         (
             "a.npz",
             npz(source=np.ones((2, 3)), target=np.ones((1, 3))),
-            "holds 2 source points and 1 target points",
+            "its arrays have 2 and 1 rows, which should match one by one; save one row of each for every match; for "
+            "unmatched clouds use `nonsac register-clouds`",
         ),
-        (
-            "a.ply",
-            "ply\n",
-            "this format is for one cloud, not for pairs; give the target cloud as the second file",
-        ),
-        ("a.doc", "1 2 3 4 5 6\n", "unknown suffix '.doc'"),
+        ("a.ply", "ply\n", "this format is for one cloud, not for pairs; give the target as the second file"),
+        ("a.LAZ", "1 2 3\n", "this format is for one cloud, not for pairs; give the target as the second file"),
+        ("a.bin", "LASF", "this format is for one cloud, not for pairs; give the target as the second file"),
+        ("a.doc", b"\x00\x01", "is no table of rows, it looks like an unknown binary file; give one of Parquet file,"),
     ],
 )
 def test_bad_pairs(make_file, refused, name, content, expected):

@@ -10,6 +10,7 @@ from nonsac.kernels.consistency import (
     count_consistent_ratios,
     ranked_triplets,
     screened_triplets,
+    sum_consistent_ratios,
 )
 
 START = [3, 0, 1, 0]
@@ -183,3 +184,18 @@ def test_screened_triplets_keep_the_consistent_ones_in_their_order(rng, screen):
         if len(set(t)) == 3 and naive.triplet_is_consistent(rows, t, by_ratio, scale if known else None, tolerance)
     ]
     assert found[:count].tolist() == expected
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 60])
+@pytest.mark.parametrize("scale", [1.0, 3.0, None])
+def test_ratio_sums_are_truncated_differences_turned_round(rng, n, scale):
+    rows = mixed_rows(rng, n, scale or 3.0)
+    tolerance, sums = 0.1, np.full(n, -1.0)
+    sum_consistent_ratios(columns(rows), scale is not None, np.log(scale or 1.0), tolerance, sums)
+    for i in range(n):
+        a, b = (np.linalg.norm(np.delete(half, i, axis=0) - half[i], axis=1) for half in (rows[:, :3], rows[:, 3:]))
+        ratios = np.log(b / a)
+        middles = [np.log(scale)] if scale else naive.fullest_windows(ratios, tolerance)
+        truncated = [np.minimum(np.abs(ratios - middle), tolerance).sum() for middle in middles]
+        expected = tolerance * (n - 1) - np.array(truncated)
+        assert np.isclose(sums[i], expected, rtol=1e-9, atol=1e-12).any()

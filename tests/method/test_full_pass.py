@@ -10,13 +10,16 @@ import naive
 import nonsac
 from nonsac import simulate
 from nonsac.clouds.problem import OrientedRegistration
-from nonsac.method.full_pass import SumTask, _at_work, first_pass, fitted_to_all, piece_bounds
+from nonsac.layouts import Rows
+from nonsac.method.full_pass import FullFit, SumTask, _at_work, first_pass, piece_bounds
 from nonsac.method.mixture import Mixture
 from nonsac.method.noise import measured_noise
+from nonsac.method.refine import Refinement
+from nonsac.method.search import SampleTask, Search
 from nonsac.method.verdict import Residuals
-from nonsac.problems import AbsolutePose, Registration, RelativePose, Weighted
-from nonsac.problems.contract import residual_dimension
-from nonsac.result import Evidence, Result, Status, homogeneous
+from nonsac.problems import AbsolutePose, Noise, Registration, RelativePose
+from nonsac.problems.normal_equations import weighted
+from nonsac.result import Status
 from nonsac.sources import ArraySource
 from nonsac.sources.blocks import BlockSource
 
@@ -38,18 +41,25 @@ def rows_of(case, n, outlier_ratio, rng, share=1.0):
     return problem, rows, data.T[:3], share * noise * unit
 
 
-def trusted(problem, source, model, noise):
-    """A result as the pipeline makes it, before the passes."""
-    info = {"seed": 0, "seconds": {}}
-    return Result(
-        homogeneous(model), Status.OK, 1.0, 0, 0, noise, 5 * noise, info=info, evidence=Evidence(source, problem)
+def searched(problem, source, noise):
+    """A search as the pipeline has it before the passes."""
+    return Search(
+        SampleTask(source, problem, nonsac.Ransac(1), Noise.given(noise), 2000, seed=0), 2, 1, None, None, None
     )
 
 
+def trusted(model, status=Status.OK):
+    return Refinement(model, status, 1.0, 0, 0)
+
+
+def fitted_to_all(problem, rows, model, noise):
+    return FullFit().finish(searched(problem, ArraySource(rows), noise), trusted(model))
+
+
 def weigher_of(problem, rows, model, threshold):
-    residuals = Residuals.of(problem, model, rows)
-    noise = measured_noise(residuals, threshold, residual_dimension(problem))
-    return Mixture.seen_in(residuals, noise, residual_dimension(problem)).weigher
+    residuals = Residuals.of(problem, model, Rows(rows))
+    noise = measured_noise(residuals, threshold, problem.residual_dimension)
+    return Mixture.seen_in(residuals, noise, problem.residual_dimension).weigher
 
 
 @pytest.mark.parametrize("case", PROBLEMS)
@@ -102,22 +112,20 @@ def test_the_fit_is_that_of_all_rows_at_once(case, rng):
     problem, rows, truth, noise = rows_of(case, 60_000, 0.6, rng)
     some = rows[:5000]
     start = problem.refit(truth, some, (problem.residuals(truth[None], some)[0] < 2 * noise).astype(float))
-    source = ArraySource(rows)
-    fitted = fitted_to_all(trusted(problem, source, start, noise), workers=1)
-    weigher, model = first_pass(trusted(problem, source, start, noise)).weigher, start
+    fitted = fitted_to_all(problem, rows, start, noise)
+    weigher, model = first_pass(searched(problem, ArraySource(rows), noise), start).weigher, start
     for _ in range(300):
         previous = model
         model = problem.refit(model, rows, weigher(problem.residuals(model[None], rows)[0])[0])
         if np.abs(model - previous).max() < 1e-14:
             break
     assert fitted.info["passes"] <= 4
-    assert np.abs(fitted.T[:3] - start).max() > 1e-6
-    assert np.abs(fitted.T[:3] - model).max() < (1e-9 if isinstance(problem, Registration) else 2e-8)
-    step = problem.normal_equations(fitted.T[:3], rows, weigher, problem.pivot(rows))[0].step()
+    assert np.abs(fitted.model - start).max() > 1e-6
+    assert np.abs(fitted.model - model).max() < (1e-9 if isinstance(problem, Registration) else 2e-8)
+    step = problem.normal_equations(fitted.model, rows, weigher, problem.pivot(rows))[0].step()
     assert np.abs(step).max() < 1e-9
     assert fitted.num_rows == len(rows)
-    assert fitted.num_inliers == np.count_nonzero(fitted.inliers)
-    assert "all rows" in fitted.info["seconds"]
+    assert fitted.num_inliers == np.count_nonzero(problem.residuals(fitted.model[None], rows)[0] < 5 * noise)
 
 
 def test_a_pass_equals_least_squares_with_the_same_weights(rng):
@@ -136,11 +144,11 @@ def test_far_from_the_origin_nothing_is_lost(rng):
     far = np.array([5e6, -4e6, 300.0])
     moved = model.copy()
     moved[:, 3] -= model[:, :3] @ far
-    near = fitted_to_all(trusted(problem, ArraySource(rows), model, noise), workers=1)
+    near = fitted_to_all(problem, rows, model, noise).model
     away = rows + np.r_[far, np.zeros(3)]
-    other = fitted_to_all(trusted(problem, ArraySource(away), moved, noise), workers=1)
-    assert np.abs(other.R - near.R).max() < 1e-9
-    assert np.abs(other.apply(away[:10, :3]) - near.apply(rows[:10, :3])).max() < 1e-7
+    other = fitted_to_all(problem, away, moved, noise).model
+    assert np.abs(other[:, :3] - near[:, :3]).max() < 1e-9
+    assert np.abs(naive.moved(other, away[:10, :3]) - naive.moved(near, rows[:10, :3])).max() < 1e-7
 
 
 def test_more_rows_more_accuracy(rng):
@@ -164,6 +172,9 @@ def test_the_covariance_shrinks_with_the_number_of_inliers(noise, rng):
     ratio = union.num_inliers / full.num_inliers
     np.testing.assert_allclose(np.trace(full.covariance), np.trace(union.covariance) * ratio, rtol=0.5)
     assert full.info["measured_noise"] == pytest.approx(0.01, rel=0.1)
+    assert full.num_inliers == np.count_nonzero(full.inliers)
+    assert "all rows" in full.info["seconds"]
+    assert "all rows" not in union.info["seconds"]
 
 
 def test_any_workers_give_the_same_bits(rng):
@@ -182,24 +193,30 @@ def test_any_workers_give_the_same_bits(rng):
 
 def test_rows_that_are_not_finite_are_not_counted(rng):
     problem, rows, model, noise = rows_of("registration", 20_000, 0.5, rng)
-    clean = fitted_to_all(trusted(problem, ArraySource(rows), model, noise), workers=1)
+    clean = fitted_to_all(problem, rows, model, noise)
     rows = np.vstack([rows, np.full((50, 6), np.nan), np.full((50, 6), np.inf), -np.full((50, 6), np.inf)])
-    dirty = fitted_to_all(trusted(problem, ArraySource(rows), model, noise), workers=1)
+    dirty = fitted_to_all(problem, rows, model, noise)
     assert (clean.num_rows, dirty.num_rows, dirty.num_inliers) == (20_000, 20_000, clean.num_inliers)
-    np.testing.assert_array_equal(dirty.T, clean.T)
+    np.testing.assert_array_equal(dirty.model, clean.model)
 
 
 def test_weights_count(rng):
     """Rows of weight 2 are like rows that are there twice."""
     problem, rows, model, noise = rows_of("relative pose", 20_000, 0.5, rng)
     weights = rng.integers(0, 3, len(rows))
-    weighted = np.column_stack([rows, weights])
     repeated = np.repeat(rows, weights, axis=0)
     weigher, pivot = weigher_of(problem, rows, model, 5 * noise), problem.pivot(rows)
-    first, _ = Weighted(problem).normal_equations(model, weighted, weigher, pivot)
+    first, _ = problem.normal_equations(model, rows, weighted(weigher, weights), pivot)
     second, _ = problem.normal_equations(model, repeated, weigher, pivot)
     np.testing.assert_allclose(first.hessian, second.hessian, rtol=1e-9)
     np.testing.assert_allclose(first.gradient, second.gradient, rtol=1e-6, atol=1e-9)
+    of_source, of_repeated = (
+        SumTask(ArraySource(table), problem, problem, model, 5 * noise, weigher, pivot, np.array([0, len(table)]))(0)
+        for table in (np.column_stack([rows, weights]), repeated)
+    )
+    np.testing.assert_allclose(of_source.equations.hessian, of_repeated.equations.hessian, rtol=1e-9)
+    np.testing.assert_allclose(of_source.equations.gradient, of_repeated.equations.gradient, rtol=1e-6, atol=1e-9)
+    assert of_source.rows == np.count_nonzero(weights)
     result = nonsac.relative_pose(rows[:, :2], rows[:, 2:], noise=noise, weights=weights, refine="full")
     assert result.success
     assert result.num_rows == np.count_nonzero(weights)
@@ -209,9 +226,9 @@ def test_weights_count(rng):
 @pytest.mark.parametrize("useless", [np.nan, np.inf, 0.0, -1.0])
 def test_rows_whose_weight_is_useless_are_left_out(useless, rng):
     _, rows, _, noise = rows_of("relative pose", 20_000, 0.5, rng)
-    weighted = np.column_stack([rows, rng.uniform(0.5, 1.0, len(rows))])
-    weighted[::7, -1] = useless
-    result = nonsac.relative_pose(ArraySource(weighted), noise=noise, refine="full", samples=4, sample_size=1000)
+    table = np.column_stack([rows, rng.uniform(0.5, 1.0, len(rows))])
+    table[::7, -1] = useless
+    result = nonsac.relative_pose(ArraySource(table), noise=noise, refine="full", samples=4, sample_size=1000)
     assert result.success
     assert "passes" in result.info
     assert result.num_rows == len(rows) - len(rows[::7])
@@ -244,16 +261,45 @@ def test_an_answer_that_is_not_trusted_is_not_worth_a_pass(rng):
     assert (result.status, source.read) == (Status.LOW_SUPPORT, 0)
 
 
+@pytest.mark.parametrize("status", Status)
+def test_only_what_is_trusted_or_ambiguous_is_fitted(status, rng):
+    problem, rows, model, noise = rows_of("registration", 5000, 0.5, rng)
+    before = trusted(model, status)
+    after = FullFit().finish(searched(problem, ArraySource(rows), noise), before)
+    assert (after is before) is (status not in (Status.OK, Status.AMBIGUOUS))
+    assert after.status is status
+
+
 def test_exact_rows_are_left_alone(rng):
     problem, rows, model, _ = rows_of("registration", 1000, 0.0, rng, share=0.0)
     result = nonsac.estimate(ArraySource(rows), problem, nonsac.Pcr99.for_pairs(), noise=1e-6, refine="full")
     assert result.success
-    np.testing.assert_allclose(result.T[:3], model, atol=1e-9)
+    np.testing.assert_allclose(result.model, model, atol=1e-9)
+
+
+def test_inliers_without_any_error_are_not_fitted(rng):
+    rows = rng.integers(-5, 5, (1000, 3)).astype(float)
+    before = trusted(np.eye(4)[:3])
+    after = FullFit().finish(searched(Registration(), ArraySource(np.hstack([rows, rows])), 0.01), before)
+    assert after.remarks == ("not fitted to all rows: the inliers fit exactly",)
+    assert after.model is before.model
+
+
+def test_rows_that_determine_no_step_are_not_fitted(rng):
+    """All on one line: a turn about it changes nothing."""
+    source = rng.uniform(-1, 1, (5000, 1)) * np.array([1.0, 0.0, 0.0])
+    before = trusted(np.eye(4)[:3])
+    rows = np.hstack([source, source + 0.01 * rng.standard_normal((5000, 1)) * np.array([1.0, 0.0, 0.0])])
+    after = FullFit().finish(searched(Registration(), ArraySource(rows), 0.01), before)
+    assert after.remarks == ("not fitted to all rows: they do not determine a step",)
+    assert after.model is before.model
 
 
 def test_a_problem_without_normal_equations_is_refused_at_the_door(rng):
     source = ArraySource(rng.uniform(-1, 1, (100, 12)))
-    with pytest.raises(ValueError, match='refine="full" needs a problem with normal_equations, OrientedRegistration'):
+    with pytest.raises(
+        ValueError, match='refine="full" needs a problem with `streaming`, OrientedRegistration has none'
+    ):
         nonsac.estimate(source, OrientedRegistration(), nonsac.Ransac(10), noise=0.1, refine="full")
 
 
@@ -279,7 +325,7 @@ def test_sums_of_pieces_are_the_sum_of_all(rng):
     problem, rows, model, noise = rows_of("absolute pose", 30_000, 0.5, rng)
     weigher, pivot = weigher_of(problem, rows, model, 5 * noise), problem.pivot(rows)
     whole, cut = (
-        SumTask(ArraySource(rows), problem, model, 5 * noise, weigher, pivot, np.array(bounds))
+        SumTask(ArraySource(rows), problem, problem, model, 5 * noise, weigher, pivot, np.array(bounds))
         for bounds in ([0, 30_000], [0, 7, 20_000, 30_000])
     )
     total, parts = whole(0), cut(0) + cut(1) + cut(2)
@@ -295,19 +341,22 @@ def test_inliers_are_written_without_reading_all_rows_at_once(rng, tmp_path):
     assert result.inliers.sum() == result.num_inliers
 
 
-def test_a_fit_that_is_late_stays_as_it_is_and_says_so(rng):
+def test_a_fit_that_is_late_stays_as_it_is_and_says_so(rng, monkeypatch):
     problem, rows, model, noise = rows_of("registration", 20_000, 0.5, rng)
-    start, late = trusted(problem, ArraySource(rows), model, noise), iter([False, True])
-    result = fitted_to_all(start, 1, is_late=lambda: next(late))
-    assert result.info["remarks"] == ("not fitted to all rows: the time was over",)
-    np.testing.assert_array_equal(result.T, start.T)
+    late = iter([False, True])
+    monkeypatch.setattr(Search, "is_late", lambda search: next(late))
+    refinement = fitted_to_all(problem, rows, model, noise)
+    assert next(late, None) is None
+    assert refinement.remarks == ("not fitted to all rows: the time limit was reached",)
+    np.testing.assert_array_equal(refinement.model, model)
 
 
 def test_a_time_limit_holds_for_the_passes(rng):
     pairs = simulate.registration(50_000, 0.5, 0.01, rng)
     result = nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, refine="full", time_limit=1e-9)
     assert result.success
-    assert "not fitted to all rows: the time was over" in result.info["remarks"]
+    assert "not fitted to all rows: the time limit was reached" in result.remarks
+    assert "passes" not in result.info
 
 
 @pytest.mark.parametrize(("limit", "threads"), [(None, 8), (10**9, 8), (400 * 10**6, 2), (1, 1)])

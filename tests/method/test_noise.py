@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import naive
-from nonsac import Pcr99, Ransac, absolute_pose, register_pairs, relative_pose, simulate
+from nonsac import Estimator, Noise, Pcr99, Ransac, absolute_pose, register_pairs, relative_pose, simulate
 from nonsac.evaluation import rotation_error
+from nonsac.layouts import Rows
 from nonsac.method import pipeline
 from nonsac.method.noise import guessed_noise, measured_noise
 from nonsac.method.verdict import Residuals
 from nonsac.problems import AbsolutePose, Registration, RelativePose
-from nonsac.problems.contract import residual_dimension
-from nonsac.result import Status
+from nonsac.result import Remark, Status
 
 RANSAC = Ransac(5000, confidence=0.9999, local_optimisation=True, least_iterations=500)
 PROBLEMS = {
@@ -27,11 +27,23 @@ CALLS = {"relative-pose": relative_pose, "absolute-pose": absolute_pose, "regist
 
 
 def measured(problem, model, rows, threshold):
-    return measured_noise(Residuals.of(problem, model, rows), threshold, residual_dimension(problem))
+    return measured_noise(Residuals.of(problem, model, Rows(rows)), threshold, problem.residual_dimension)
+
+
+def guessed(problem, estimator, rows, rng):
+    return guessed_noise(problem, estimator, Rows(rows), rng)
 
 
 def _rows(data, *halves):
     return np.hstack([getattr(data, half) for half in halves]), data.T[:3]
+
+
+def test_the_threshold_is_five_standard_deviations():
+    for noise in (Noise.given(0.01), Noise.within(0.05)):
+        assert (noise.sigma, noise.threshold, noise.known) == (0.01, 0.05, True)
+    assert not Noise.given(0.01, known=False).known
+    assert not Noise.within(0.05, known=False).known
+    assert type(Noise.given(1).threshold) is type(Noise.within(np.float32(1)).sigma) is float
 
 
 @pytest.mark.parametrize("factor", [0.2, 1.0, 20.0])
@@ -59,12 +71,37 @@ def test_exact_rows_have_no_noise():
 def test_the_noise_is_guessed_before_there_is_a_model(rng, name, noise):
     problem, estimator, simulated = PROBLEMS[name]
     rows, _ = simulated(2000, 0.6, noise, rng)
-    assert guessed_noise(problem, estimator, rows, rng) == pytest.approx(noise, rel=0.25)
+    assert guessed(problem, estimator, rows, rng) == pytest.approx(noise, rel=0.25)
 
 
 def test_rows_that_determine_nothing_still_get_a_guess(rng):
     for rows in (np.ones((100, 6)), np.ones((2, 6)), rng.random((1, 6)), np.empty((0, 6))):
-        assert guessed_noise(Registration(), Pcr99.for_pairs(), rows, rng) == 1.0
+        assert guessed(Registration(), Pcr99.for_pairs(), rows, rng) == 1.0
+
+
+class Failing(Estimator):
+    """Fails at every second noise that it is asked for, or always; else what RANSAC does."""
+
+    def __init__(self, always):
+        self.always, self.asked = always, []
+
+    def estimate(self, problem, rows, noise, rng):
+        self.asked.append(noise)
+        if self.always or len(self.asked) % 2:
+            raise ValueError("mine")
+        return Ransac(200).estimate(problem, rows, noise, rng)
+
+
+def test_an_estimator_that_fails_costs_one_guess(rng):
+    rows = np.column_stack([rng.uniform(-1, 1, 1000), rng.uniform(-9, 9, 1000)])
+    rows[:500, 1] = rows[:500, 0] + 3.0 + 0.01 * rng.standard_normal(500)
+    estimator = Failing(always=False)
+    assert guessed(naive.Shift(), estimator, rows, rng) == pytest.approx(0.01, rel=0.25)
+    assert not any(noise.known for noise in estimator.asked)
+    thresholds = [noise.threshold for noise in estimator.asked]
+    np.testing.assert_allclose(np.divide(thresholds[:-1], thresholds[1:]), 4.0)
+    fallback = guessed(naive.Shift(), Failing(always=True), rows, rng)
+    assert 0.01 < fallback < 1.0
 
 
 @pytest.mark.parametrize(
@@ -111,7 +148,7 @@ def test_a_time_limit_keeps_what_was_found(rng, monkeypatch):
 @pytest.mark.parametrize("name", CALLS)
 def test_without_a_noise_the_answer_is_about_that_with_the_right_one(rng, name):
     rows, truth = PROBLEMS[name][2](20_000, 0.7, 0.004, rng)
-    halves = np.split(rows, [PROBLEMS[name][0].split], axis=1)
+    halves = np.split(rows, [PROBLEMS[name][0].layout.split], axis=1)
     found, given = CALLS[name](*halves), CALLS[name](*halves, noise=0.004)
     assert found.success
     assert found.noise == pytest.approx(0.004, rel=0.1)
@@ -124,10 +161,11 @@ def test_without_a_noise_the_answer_is_about_that_with_the_right_one(rng, name):
 @pytest.mark.parametrize("name", CALLS)
 def test_a_wrong_noise_is_reported(rng, name, factor):
     rows, truth = PROBLEMS[name][2](20_000, 0.5, 0.002, rng)
-    halves = np.split(rows, [PROBLEMS[name][0].split], axis=1)
+    halves = np.split(rows, [PROBLEMS[name][0].layout.split], axis=1)
     result = CALLS[name](*halves, noise=0.002 * factor)
     (remark,) = (remark for remark in result.info["remarks"] if remark.startswith("noise"))
-    assert remark.startswith("noise is larger" if factor < 1 else "noise is smaller")
+    kind = Remark.NOISE_LARGER if factor < 1 else Remark.NOISE_SMALLER
+    assert remark.startswith(f"{kind}: by a factor of ")
     assert float(remark.split()[-1]) == pytest.approx(10, rel=0.2)
     assert result.info["measured_noise"] == pytest.approx(0.002, rel=0.1)
     assert rotation_error(result.R, truth[:, :3]) < 1.0
@@ -136,8 +174,19 @@ def test_a_wrong_noise_is_reported(rng, name, factor):
 @pytest.mark.parametrize("name", CALLS)
 def test_a_right_noise_is_not_remarked_on(rng, name):
     rows, _ = PROBLEMS[name][2](20_000, 0.5, 0.002, rng)
-    halves = np.split(rows, [PROBLEMS[name][0].split], axis=1)
+    halves = np.split(rows, [PROBLEMS[name][0].layout.split], axis=1)
     assert CALLS[name](*halves, noise=0.002).info["remarks"] == ()
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_noise_that_nobody_gave_is_not_remarked_on(rng, name, monkeypatch):
+    """Not even if the first guess is far off and there is no second run."""
+    rows, _ = PROBLEMS[name][2](20_000, 0.5, 0.002, rng)
+    monkeypatch.setattr(pipeline, "guessed_noise", lambda *_: 0.0002)
+    monkeypatch.setattr(pipeline, "_MOST_REPETITIONS", 1)
+    result = CALLS[name](*np.split(rows, [PROBLEMS[name][0].layout.split], axis=1))
+    assert (result.noise, result.remarks) == (0.0002, ())
+    assert result.info["measured_noise"] == pytest.approx(0.002, rel=0.1)
 
 
 @pytest.mark.parametrize("factor", [1e-3, 1e3])

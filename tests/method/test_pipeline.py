@@ -1,7 +1,7 @@
 import math
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from multiprocessing import get_context
 
@@ -10,10 +10,11 @@ import pytest
 
 import naive
 import nonsac
-from nonsac import Hypothesis, Pcr99, Registration, Status, estimate, simulate
-from nonsac.method.refine import AsSelected, Refinement
+from nonsac import Estimator, Hypothesis, Pcr99, Refinement, Refiner, Registration, Status, estimate, simulate
+from nonsac.method.refine import AsSelected
 from nonsac.method.sampling import sample_rows, sample_start
-from nonsac.method.scoring import MostInliers, TruncatedLp
+from nonsac.method.scoring import MostInliers, ScoringRule, TruncatedLp
+from nonsac.problems import ContractBroken
 from nonsac.sources import ArraySource
 
 SEED, NOISE = 7, 0.2
@@ -32,8 +33,11 @@ class TableSource(ArraySource):
 
 
 @dataclass
-class MockEstimator:
-    """The median shift of the sample's rows, or what `answers` says for the sample; remembers what it was given."""
+class MockEstimator(Estimator):
+    """The median shift of the sample's rows, or what `answers` says for the sample; remembers what it was given.
+
+    An answer that is an exception is raised.
+    """
 
     answers: dict = field(default_factory=dict)
     calls: list = field(default_factory=list)
@@ -43,23 +47,26 @@ class MockEstimator:
     def with_budget(self, factor):
         return MockEstimator(self.answers, self.calls, self.budget * factor, self.lock)
 
-    def estimate(self, problem, rows, threshold, rng):
+    def estimate(self, problem, rows, noise, rng):
         with self.lock:
             number = len(self.calls)
-            self.calls.append({"rows": rows, "threshold": threshold, "draw": rng.random(), "budget": self.budget})
-        shift = self.answers.get(number, np.median(rows[:, 1] - rows[:, 0]))
+            self.calls.append({"rows": rows, "noise": noise, "draw": rng.random(), "budget": self.budget})
+        shift = self.answers.get(number, np.median(rows.values[:, 1] - rows.values[:, 0]))
+        if isinstance(shift, Exception):
+            raise shift
+        if not np.isfinite(shift):
+            return Hypothesis(problem.no_model, np.full(len(rows), np.inf), noise.threshold, tested=3)
         model = naive.shift_model(shift)
-        residuals = problem.residuals(model[None], rows)[0] if np.isfinite(shift) else np.full(len(rows), np.inf)
-        return Hypothesis(model if np.isfinite(shift) else np.full((3, 4), np.nan), residuals, threshold, tested=3)
+        return Hypothesis(model, problem.residuals(model[None], rows.values)[0], noise.threshold, tested=3)
 
 
-class SpyRefiner:
+class SpyRefiner(Refiner):
     """Returns the winner as it is and remembers what it was given."""
 
-    def refine(self, problem, hypotheses, winner, union, threshold):
-        self.problem, self.hypotheses, self.winner = problem, hypotheses, winner
-        self.rows, self.threshold = union(), threshold
-        return Refinement(hypotheses[winner].model, Status.OK, 0.75, 12, 34)
+    def refine(self, search, winner):
+        self.problem, self.hypotheses, self.winner = search.problem, list(search.hypotheses), winner
+        self.rows, self.noise = search.union(), search.noise
+        return Refinement(search.hypotheses[winner].model, Status.OK, 0.75, 12, 34)
 
 
 def shifted_rows(n=1000, shift=3.0, outliers=0.3):
@@ -81,12 +88,16 @@ def run(rows=None, estimator=None, **settings):
     return estimate(source, naive.Shift(), estimator or MockEstimator(), **settings)
 
 
+def shift_of(result):
+    return result.model[0, 3]
+
+
 def sample_of(n, i, size):
     return sample_rows(n, sample_start(n, 0, i, size), size, SEED)
 
 
 def numbers(rows):
-    return rows[:, 0].astype(int)
+    return rows.values[:, 0].astype(int)
 
 
 # --- sampling -------------------------------------------------------------------------------------------------------
@@ -111,18 +122,44 @@ def test_samples_that_would_all_be_the_same_rows_are_one_with_the_budget_of_all(
 
 
 @pytest.mark.parametrize("name", ["estimator", "problem", "source"])
-def test_a_class_is_no_object(name):
+@pytest.mark.parametrize("wrong", [type, lambda _: object()], ids=["class", "object"])
+def test_only_objects_of_the_contracts_are_taken(name, wrong):
     arguments = {"source": ArraySource(shifted_rows()), "problem": naive.Shift(), "estimator": MockEstimator()}
-    arguments[name] = type(arguments[name])
-    with pytest.raises(TypeError, match=name):
+    arguments[name] = wrong(arguments[name])
+    with pytest.raises(TypeError, match=f"^{name} must be"):
         estimate(**arguments, noise=NOISE)
+
+
+@pytest.mark.parametrize(
+    ("contract", "missing"),
+    [
+        (nonsac.Problem, {"layout", "minimal_size", "solve_minimal", "residuals", "refit"}),
+        (nonsac.Estimator, {"estimate"}),
+        (nonsac.ScoringRule, {"name", "scores"}),
+        (nonsac.Refiner, {"refine"}),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_class_that_lacks_a_needed_method_makes_no_object(contract, missing):
+    own = type("Own", (contract,), {})
+    for name in missing:
+        with pytest.raises(TypeError, match=rf"abstract class Own .*\b{name}\b"):
+            own()
+    complete = type("Own", (contract,), dict.fromkeys(missing))
+    assert isinstance(complete(), contract)
 
 
 def test_the_threshold_is_five_times_the_noise():
     estimator = MockEstimator()
     result = run(estimator=estimator)
-    assert all(call["threshold"] == 5 * NOISE for call in estimator.calls)
+    assert all(call["noise"] == nonsac.Noise(NOISE, 5 * NOISE, known=True) for call in estimator.calls)
     assert (result.threshold, result.noise) == (5 * NOISE, NOISE)
+
+
+def test_a_noise_that_is_measured_is_not_known():
+    estimator, spy = MockEstimator(), SpyRefiner()
+    run(estimator=estimator, refine=spy, noise=None)
+    assert not any(noise.known for noise in [spy.noise, *(call["noise"] for call in estimator.calls)])
 
 
 def test_each_sample_has_random_numbers_of_its_own_that_repeat():
@@ -143,7 +180,7 @@ def test_only_sampled_rows_are_read():
 
 
 def test_a_source_of_a_trillion_rows_is_no_problem():
-    class Virtual:
+    class Virtual(nonsac.Source):
         width = 2
 
         def __len__(self):
@@ -157,7 +194,7 @@ def test_a_source_of_a_trillion_rows_is_no_problem():
 
     result = run(Virtual())
     assert result.success
-    assert result.t[0] == pytest.approx(3.0, abs=1e-3)
+    assert shift_of(result) == pytest.approx(3.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("n", [1000, 200, 100])
@@ -166,7 +203,7 @@ def test_the_refiner_gets_the_union_of_the_samples_each_row_once(n):
     run(shifted_rows(n), refine=spy)
     drawn = np.unique(np.concatenate([sample_of(n, i, 40) for i in range(5)]))
     np.testing.assert_array_equal(numbers(spy.rows), drawn if n >= 200 else np.arange(n))
-    assert spy.threshold == 5 * NOISE
+    assert spy.noise.threshold == 5 * NOISE
 
 
 # --- selection, refinement and what comes back ------------------------------------------------------------------------
@@ -176,9 +213,53 @@ def test_the_rule_selects_and_the_refiner_has_the_last_word():
     spy = SpyRefiner()
     result = run(estimator=MockEstimator({3: 2.95, 0: 90.0, 1: 91.0, 2: 92.0, 4: 93.0}), refine=spy)
     assert spy.winner == 3
-    assert result.t[0] == 2.95
     assert (result.status, result.confidence, result.num_inliers, result.num_rows) == (Status.OK, 0.75, 12, 34)
-    np.testing.assert_array_equal(result.T, np.vstack([naive.shift_model(2.95), [0, 0, 0, 1]]))
+    np.testing.assert_array_equal(result.model, naive.shift_model(2.95))
+
+
+def test_a_refiner_may_have_a_noise_of_its_own_and_more_to_tell():
+    class Own(SpyRefiner):
+        def refine(self, search, winner):
+            found = super().refine(search, winner)
+            own = {"noise": 0.3, "threshold": 0.7, "measured_noise": 0.25, "remarks": ("own",), "info": {"mine": 5}}
+            return replace(found, **own)
+
+    result = run(refine=Own())
+    assert (result.noise, result.threshold, result.remarks) == (0.3, 0.7, ("own",))
+    assert (result.info["measured_noise"], result.info["mine"]) == (0.25, 5)
+
+
+def test_a_refiner_has_a_last_step_after_all_samples():
+    class Own(Judge):
+        def finish(self, search, refinement):
+            self.seen = len(search.hypotheses)
+            return replace(refinement, model=refinement.model + 1.0)
+
+    last = Own(NOTHING, CLEAR)
+    result = run(samples="auto", refine=last)
+    assert (last.asked, last.seen) == ([2, 4], 4)
+    np.testing.assert_array_equal(result.model, result.hypotheses[last.winner].model + 1.0)
+    assert list(result.info["seconds"]) == ["hypotheses", "selection", "refinement", "all rows"]
+
+
+def test_a_refiner_may_refuse_a_problem():
+    class Own(SpyRefiner):
+        def check(self, problem):
+            raise ValueError(f"not for {type(problem).__name__}")
+
+    estimator = MockEstimator()
+    with pytest.raises(ValueError, match="not for Shift"):
+        run(estimator=estimator, refine=Own())
+    assert estimator.calls == []
+
+
+def test_an_estimator_may_refuse_a_problem():
+    class Own(MockEstimator):
+        def check(self, problem):
+            raise ValueError(f"not for {type(problem).__name__}")
+
+    with pytest.raises(ValueError, match="not for Shift"):
+        run(estimator=Own())
 
 
 def test_hypotheses_come_back_in_order_with_their_scores():
@@ -189,34 +270,49 @@ def test_hypotheses_come_back_in_order_with_their_scores():
 
 def test_a_rule_may_be_named_or_given():
     by_name, given = run(rule="most_inliers"), run(rule=MostInliers())
-    np.testing.assert_array_equal(by_name.T, given.T)
+    np.testing.assert_array_equal(by_name.model, given.model)
     assert by_name.info["rule"] == given.info["rule"] == "most_inliers"
 
 
 def test_a_rule_of_ones_own():
-    class Third:
+    class Third(ScoringRule):
         name = "third"
 
         def scores(self, hypotheses, problem):
             return [0.0, 0.0, 1.0, 0.0, 0.0]
 
     result = run(rule=Third(), refine="none", estimator=MockEstimator({2: 77.0}))
-    assert result.t[0] == 77.0
+    assert shift_of(result) == 77.0
     assert result.info["rule"] == "third"
+
+
+def test_what_only_looks_like_a_rule_or_a_refiner_is_refused():
+    class Alike:
+        name = "alike"
+
+        def scores(self, hypotheses, problem):
+            return [0.0] * len(hypotheses)
+
+        def refine(self, search, winner):
+            raise AssertionError
+
+    for name in ("rule", "refine"):
+        with pytest.raises(ValueError, match=f"^{name} must be"):
+            run(**{name: Alike()})
 
 
 def test_refine_none_returns_the_selected_model_and_union_improves_it():
     rows = shifted_rows(outliers=0.0)
     selected, refined = run(rows, refine="none"), run(rows, refine="union")
-    assert any(np.array_equal(selected.T[:3], h.model) for h in selected.hypotheses)
-    assert abs(refined.t[0] - 3.0) < 4 * NOISE / math.sqrt(200)
-    np.testing.assert_array_equal(run(rows, refine=AsSelected()).T, selected.T)
+    assert any(np.array_equal(selected.model, h.model) for h in selected.hypotheses)
+    assert abs(shift_of(refined) - 3.0) < 4 * NOISE / math.sqrt(200)
+    np.testing.assert_array_equal(run(rows, refine=AsSelected()).model, selected.model)
 
 
 def test_inliers_belong_to_the_model_returned():
     result = run()
     drawn = np.concatenate([sample_of(1000, i, 40) for i in range(5)])
-    residuals = naive.Shift().residuals(result.T[None, :3], shifted_rows()[drawn])[0]
+    residuals = naive.Shift().residuals(result.model[None], shifted_rows()[drawn])[0]
     assert result.num_rows == 200
     assert result.num_inliers == (residuals < result.threshold).sum()
 
@@ -234,8 +330,8 @@ def test_info_says_how_the_answer_came_about():
     assert info["seed"] == SEED
     assert info["version"] == version("nonsac") == nonsac.__version__
     assert (info["samples"], info["sample_size"]) == (5, 40)
-    assert info["rule"] == "tlp_0.1"
-    assert info["dropped_rows"] == 0
+    assert (info["estimator"], info["rule"]) == ("MockEstimator", "tlp_0.1")
+    assert (info["dropped_rows"], info["remarks"]) == (0, ())
     assert list(info["seconds"]) == ["hypotheses", "selection", "refinement"]
     assert all(seconds >= 0 for seconds in info["seconds"].values())
 
@@ -248,7 +344,7 @@ def test_progress_is_told_after_each_sample():
 
 def test_a_seed_from_entropy_is_recorded_and_replays():
     first = run(rng=None)
-    np.testing.assert_array_equal(run(rng=first.info["seed"]).T, first.T)
+    np.testing.assert_array_equal(run(rng=first.info["seed"]).model, first.model)
     assert first.info["seed"] != run(rng=None).info["seed"]
 
 
@@ -291,7 +387,7 @@ def test_stopping_leaves_no_samples_running():
 
 
 def test_a_stop_that_never_stops_changes_nothing():
-    np.testing.assert_array_equal(run(stop=lambda hypotheses, problem: False).T, run().T)
+    np.testing.assert_array_equal(run(stop=lambda hypotheses, problem: False).model, run().model)
 
 
 # --- as many samples as it takes --------------------------------------------------------------------------------------
@@ -303,12 +399,13 @@ class Judge(SpyRefiner):
     def __init__(self, *verdicts, support=0.5):
         self.verdicts, self.support, self.asked = list(verdicts), support, []
 
-    def refine(self, problem, hypotheses, winner, union, threshold):
-        self.asked.append(len(hypotheses))
-        self.sizes = [len(h.residuals) for h in hypotheses]
+    def refine(self, search, winner):
+        self.winner = winner
+        self.asked.append(len(search.hypotheses))
+        self.sizes = [len(h.residuals) for h in search.hypotheses]
         status, confidence = self.verdicts[min(len(self.asked), len(self.verdicts)) - 1]
-        rows = len(union())
-        return Refinement(hypotheses[winner].model, status, confidence, int(self.support * rows), rows)
+        rows = len(search.union())
+        return Refinement(search.hypotheses[winner].model, status, confidence, int(self.support * rows), rows)
 
 
 CLEAR, UNCLEAR, NOTHING = (Status.OK, 0.995), (Status.OK, 0.98), (Status.LOW_SUPPORT, 0.0)
@@ -387,7 +484,7 @@ def test_the_time_limit_ends_the_search():
     result = run(samples="auto", max_samples=10**6, time_limit=1e-9, refine=Judge(NOTHING))
     assert result.status is Status.TIME_LIMIT
     assert len(result.hypotheses) == 1
-    assert np.isfinite(result.T).all()
+    assert result.found
     assert run(samples=3, time_limit=1e-9, refine=Judge(CLEAR)).success
     assert run(estimator=MockEstimator({0: np.nan}), time_limit=1e-9).status is Status.TIME_LIMIT
 
@@ -406,23 +503,23 @@ class Together(MockEstimator):
     def with_budget(self, factor):
         return self
 
-    def search_jointly(self, problem, hypotheses, rows, threshold, rng):
+    def search_jointly(self, problem, hypotheses, rows, noise, rng):
         self.seen = len(hypotheses), len(rows)
         model = naive.shift_model(3.0)
-        return Hypothesis(model, problem.residuals(model[None], rows)[0], threshold, tested=100)
+        return Hypothesis(model, problem.residuals(model[None], rows.values)[0], noise.threshold, tested=100)
 
 
 def test_a_joint_search_may_find_what_no_sample_holds():
     estimator = Together(dict.fromkeys(range(5), 500.0))
     result = run(estimator=estimator)
     assert estimator.seen == (5, 200)
-    assert result.t[0] == pytest.approx(3.0, abs=0.1)
+    assert shift_of(result) == pytest.approx(3.0, abs=0.1)
     assert len(result.hypotheses) == 5
 
 
 def test_without_refinement_there_is_no_joint_search():
     estimator = Together(dict.fromkeys(range(5), 500.0))
-    assert run(estimator=estimator, refine="none").t[0] == 500.0
+    assert shift_of(run(estimator=estimator, refine="none")) == 500.0
     assert not hasattr(estimator, "seen")
 
 
@@ -437,14 +534,15 @@ def test_rows_that_are_not_finite_are_dropped_and_counted(bad):
     result = run(rows, estimator, samples=2, sample_size=40, refine=spy)
     drawn = np.concatenate([sample_of(100, i, 40) for i in range(2)])
     assert result.info["dropped_rows"] == (drawn % 4 == 0).sum() > 0
-    assert all(np.isfinite(call["rows"]).all() for call in estimator.calls)
+    assert all(np.isfinite(call["rows"].values).all() for call in estimator.calls)
     np.testing.assert_array_equal(numbers(spy.rows), np.sort(drawn[drawn % 4 != 0]))
 
 
 def test_no_rows_are_too_few():
     result = run(np.empty((0, 2)))
     assert result.status is Status.TOO_FEW
-    assert np.isnan(result.T).all()
+    assert np.isnan(result.model).all()
+    assert (result.noise, result.threshold) == (NOISE, 5 * NOISE)
     assert result.info["samples"] == 0
     assert result.hypotheses == ()
 
@@ -459,16 +557,17 @@ def test_rows_without_a_finite_one_are_too_few():
     estimator = MockEstimator()
     result = run(np.full((50, 2), np.nan), estimator)
     assert result.status is Status.TOO_FEW
-    assert np.isnan(result.T).all()
+    assert np.isnan(result.model).all()
     assert estimator.calls == []
 
 
 @pytest.mark.parametrize(("determined", "status"), [(True, Status.LOW_SUPPORT), (False, Status.DEGENERATE)])
 def test_nothing_found(determined, status, monkeypatch):
-    monkeypatch.setattr(naive.Shift, "determined", lambda self, model, inliers, threshold: determined)
+    monkeypatch.setattr(naive.Shift, "determined", lambda self, model, inliers, noise: determined)
     result = run(estimator=MockEstimator(dict.fromkeys(range(5), np.nan)))
     assert result.status is status
-    assert np.isnan(result.T).all()
+    assert np.isnan(result.model).all()
+    assert result.model.shape == (3, 4)
     assert (result.confidence, result.num_inliers, len(result.hypotheses)) == (0.0, 0, 5)
 
 
@@ -478,24 +577,98 @@ def test_one_found_model_is_enough(found, rule):
     nothing = dict.fromkeys(set(range(5)) - {found}, np.nan)
     result = run(estimator=MockEstimator(nothing), rule=rule)
     assert result.success
-    assert result.t[0] == pytest.approx(3.0, abs=0.2)
+    assert shift_of(result) == pytest.approx(3.0, abs=0.2)
 
 
 def test_random_rows_support_nothing():
     rows = np.random.default_rng(0).uniform(0, 1000, (1000, 2))
     result = run(rows, noise=0.1)
     assert result.status is Status.LOW_SUPPORT
-    assert np.isfinite(result.T).all()
+    assert result.found
 
 
-def test_an_error_in_the_estimator_reaches_the_caller():
-    class Broken(MockEstimator):
-        def estimate(self, problem, rows, threshold, rng):
-            raise ZeroDivisionError("mine")
+# --- estimators that fail ---------------------------------------------------------------------------------------------
 
-    for workers in (1, 2):
-        with pytest.raises(ZeroDivisionError, match="mine"):
-            run(estimator=Broken(), workers=workers)
+MINE = ZeroDivisionError("mine")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_in_the_estimator_costs_its_sample_only(workers):
+    result = run(estimator=MockEstimator({0: MINE, 1: MINE}), workers=workers)
+    failed = [h for h in result.hypotheses if h.fault]
+    assert result.success
+    assert shift_of(result) == pytest.approx(3.0, abs=0.2)
+    assert result.remarks == ("the estimator failed in some samples: 2 of 5 (ZeroDivisionError: mine)",)
+    assert [(h.fault, h.found, h.num_inliers, h.tested) for h in failed] == [
+        ("ZeroDivisionError: mine", False, 0, 0)
+    ] * 2
+    assert [h.sample for h in result.hypotheses] == [0, 1, 2, 3, 4]
+
+
+def test_the_remark_on_failures_comes_after_those_of_the_refiner():
+    class Remarking(SpyRefiner):
+        def refine(self, search, winner):
+            return replace(super().refine(search, winner), remarks=("planar",))
+
+    result = run(estimator=MockEstimator({0: MINE}), refine=Remarking())
+    assert result.remarks == ("planar", "the estimator failed in some samples: 1 of 5 (ZeroDivisionError: mine)")
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_an_estimator_that_always_fails_is_not_asked_more_than_eight_times(workers):
+    result = run(estimator=MockEstimator(dict.fromkeys(range(100), MINE)), samples="auto", workers=workers)
+    assert (len(result.hypotheses), result.status) == (8, Status.LOW_SUPPORT)
+    assert not result.found
+    assert result.remarks == ("the estimator failed in some samples: 8 of 8 (ZeroDivisionError: mine)",)
+
+
+def test_samples_that_hold_nothing_are_no_failures():
+    result = run(estimator=MockEstimator(dict.fromkeys(range(100), np.nan)), samples="auto", max_samples=20)
+    assert (len(result.hypotheses), result.remarks) == (20, ())
+
+
+def test_an_estimator_that_fails_while_the_noise_is_guessed_is_asked_again():
+    """There are six guesses of the noise, each with an estimate; only after them come the samples."""
+    result = run(estimator=MockEstimator({0: MINE, 3: MINE, 6: MINE}), noise=None)
+    assert result.success
+    assert result.noise == pytest.approx(NOISE, rel=0.3)
+    assert not run(estimator=MockEstimator(dict.fromkeys(range(1000), MINE)), noise=None).found
+
+
+class Gives(MockEstimator):
+    """Gives something else than a hypothesis, or one of something else than a model."""
+
+    def estimate(self, problem, rows, noise, rng):
+        return self.answers
+
+
+@pytest.mark.parametrize("noise", [NOISE, None])
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "Gives.estimate must give a nonsac.Hypothesis, got NoneType"),
+        (naive.shift_model(3.0), "Gives.estimate must give a nonsac.Hypothesis, got ndarray"),
+        (
+            Hypothesis(np.eye(3), np.zeros(40), 1.0),
+            r"a model of the shape \(3, 3\); Shift has models of the shape \(3, 4\)",
+        ),
+    ],
+)
+def test_an_estimator_that_breaks_its_contract_ends_the_call(answer, message, noise):
+    with pytest.raises(ContractBroken, match=message):
+        run(estimator=Gives(answer), noise=noise)
+
+
+class Flat(naive.Shift):
+    """Solves and fits in another shape than it says."""
+
+    model_shape = (2,)
+
+
+@pytest.mark.parametrize("noise", [NOISE, None])
+def test_a_problem_that_breaks_its_contract_ends_the_call(noise):
+    with pytest.raises(ContractBroken, match=r"Flat.solve_minimal gave models of the shape \(3, 4\) instead of \(2,\)"):
+        estimate(ArraySource(shifted_rows()), Flat(), nonsac.Ransac(50), noise=noise, samples=2, sample_size=40)
 
 
 # --- wrong arguments --------------------------------------------------------------------------------------------------
@@ -520,9 +693,19 @@ def test_wrong_arguments_are_refused_by_name(name, wrong):
         run(**{name: wrong})
 
 
-def test_a_source_of_the_wrong_width_is_refused():
-    with pytest.raises(ValueError, match="source has rows of 3 columns, Shift needs 2"):
-        run(np.zeros((10, 3)))
+@pytest.mark.parametrize("width", [1, 4])
+def test_a_source_of_the_wrong_width_is_refused(width):
+    message = rf"source must have 2 columns \({' '.join(naive.Shift().layout.names)}\), or one more with a weight, got "
+    with pytest.raises(ValueError, match=f"{message}{width}"):
+        run(np.zeros((10, width)))
+
+
+@pytest.mark.parametrize(("name", "meant"), [("worker", "workers"), ("nois", "noise"), ("sample_sizes", "sample_size")])
+def test_an_unknown_setting_is_refused_with_the_one_that_was_meant(name, meant):
+    with pytest.raises(
+        TypeError, match=rf"estimate\(\) got an unexpected keyword argument '{name}'; did you mean {meant}"
+    ):
+        run(**{name: 1})
 
 
 def test_settings_are_keyword_only():
@@ -533,53 +716,30 @@ def test_settings_are_keyword_only():
 # --- a problem and an estimator of a user's own -----------------------------------------------------------------------
 
 
-class Line:
-    """Lines in the plane, as the motion [R | t] that takes the x axis to the line; rows are points (x, y)."""
-
-    width, minimal_size, split = 2, 2, 1
-
-    def solve_minimal(self, samples):
-        return np.stack([self._through(first, second - first) for first, second in samples])
-
-    def residuals(self, models, rows):
-        offsets = rows[None] - models[:, None, :2, 3]
-        return np.abs((offsets * models[:, None, :2, 1]).sum(axis=2))
-
-    def count_inliers(self, models, rows, threshold):
-        return (self.residuals(models, rows) < threshold).sum(axis=1)
-
-    def refit(self, model, rows, weights):
-        mean = np.average(rows, axis=0, weights=weights)
-        _, _, directions = np.linalg.svd(np.sqrt(weights)[:, None] * (rows - mean), full_matrices=False)
-        return self._through(mean, directions[0])
-
-    def determined(self, model, inliers, threshold):
-        return bool(np.ptp(inliers @ model[:2, 0]) > threshold)
-
-    def distance(self, a, b):
-        cosines = (np.asarray(a)[..., :2, 0] * np.asarray(b)[..., :2, 0]).sum(axis=-1)
-        return np.degrees(np.arccos(np.minimum(np.abs(cosines), 1.0)))
-
-    @staticmethod
-    def _through(point, direction):
-        c, s = direction / np.linalg.norm(direction)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return np.column_stack([R, [*point, 0.0]])
-
-
 @dataclass(frozen=True)
-class TinyRansac:
+class TinyRansac(Estimator):
     iterations: int = 200
 
     def with_budget(self, factor):
         return TinyRansac(self.iterations * factor)
 
-    def estimate(self, problem, rows, threshold, rng):
+    def estimate(self, problem, rows, noise, rng):
         k = problem.minimal_size
-        samples = np.stack([rows[rng.choice(len(rows), k, replace=False)] for _ in range(self.iterations)])
+        samples = np.stack([rows.values[rng.choice(len(rows), k, replace=False)] for _ in range(self.iterations)])
         models = problem.solve_minimal(samples)
-        best = models[np.argmax(problem.count_inliers(models, rows, threshold))]
-        return Hypothesis(best, problem.residuals(best[None], rows)[0], threshold, tested=len(models))
+        best = models[np.argmax(problem.count_inliers(models, rows.values, noise.threshold))]
+        residuals = problem.residuals(best[None], rows.values)[0]
+        return Hypothesis(best, residuals, noise.threshold, tested=len(models))
+
+
+def best_line(values, threshold, seed):
+    """The line with the most inliers, as a plain function that knows nothing of this library."""
+    rng, lines = np.random.default_rng(seed), []
+    for _ in range(200):
+        a, b = values[rng.choice(len(values), 2, replace=False)]
+        normal = np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a)
+        lines.append(np.append(normal, normal @ a))
+    return max(lines, key=lambda line: np.count_nonzero(np.abs(values @ line[:2] - line[2]) < threshold))
 
 
 def points_on_a_line(rng, n, outliers):
@@ -590,20 +750,91 @@ def points_on_a_line(rng, n, outliers):
 
 
 @pytest.mark.parametrize("rule", ["tlp_0.1", "closest_pair", "fixed"])
-def test_a_users_own_problem_works_end_to_end(rng, rule):
+@pytest.mark.parametrize("estimator", [TinyRansac(), best_line], ids=["object", "function"])
+def test_a_users_own_problem_works_end_to_end(rng, rule, estimator):
     points = points_on_a_line(rng, 20_000, 0.8)
     settings = {"noise": 0.02, "samples": 6, "sample_size": 300, "rule": rule}
-    result = estimate(ArraySource(points), Line(), TinyRansac(), **settings)
+    result = estimate(ArraySource(points), naive.Line(), estimator, **settings)
     assert result.success
-    direction, point = result.T[:2, 0], result.T[:2, 3]
-    assert abs(direction @ [-0.6, 0.8]) < 0.005
-    assert abs((point - [1.0, 2.0]) @ [-0.6, 0.8]) < 0.02
+    assert_is_the_line(result)
     assert result.num_inliers == pytest.approx(0.2 * result.num_rows, rel=0.3)
+
+
+def assert_is_the_line(result):
+    a, b, c = result.model
+    assert abs(a * 0.8 + b * 0.6) < 0.005
+    assert abs(a * 1.0 + b * 2.0 - c) < 0.02
+
+
+@pytest.mark.parametrize("noise", [0.02, None])
+@pytest.mark.parametrize("refine", ["none", "union", "polish"])
+def test_a_users_own_problem_needs_no_estimator(rng, refine, noise):
+    result = estimate(ArraySource(points_on_a_line(rng, 20_000, 0.8)), naive.Line(), noise=noise, refine=refine)
+    assert (result.success, result.info["estimator"]) == (True, "Ransac")
+    assert_is_the_line(result)
+    assert result.noise == pytest.approx(0.02, rel=0.3)
+    assert result.inliers.sum() == pytest.approx(0.2 * 20_000, rel=0.1)
+    assert not result.is_motion
 
 
 def test_a_users_own_problem_without_a_line_is_not_claimed(rng):
     points = rng.uniform(-12, 12, (20_000, 2))
-    assert not estimate(ArraySource(points), Line(), TinyRansac(), noise=0.02, samples=6, sample_size=300).success
+    assert not estimate(ArraySource(points), naive.Line(), TinyRansac(), noise=0.02, samples=6, sample_size=300).success
+    assert not estimate(ArraySource(points), naive.Line(), noise=0.02, max_samples=8).success
+
+
+@pytest.mark.parametrize("points", [np.empty((0, 2)), np.full((50, 2), np.nan), np.ones((50, 2))])
+def test_what_stands_for_no_model_has_the_problems_own_shape(points):
+    result = estimate(ArraySource(points), naive.Line(), noise=0.02, max_samples=2)
+    assert not result.found
+    assert result.model.shape == (3,)
+
+
+def test_full_needs_a_problem_that_has_sums_for_it(rng):
+    with pytest.raises(ValueError, match='refine="full" needs a problem with `streaming`, Line has none'):
+        estimate(ArraySource(points_on_a_line(rng, 100, 0.5)), naive.Line(), noise=0.02, refine="full")
+
+
+# --- rows with weights ------------------------------------------------------------------------------------------------
+
+
+def test_one_column_more_than_the_layout_is_a_weight():
+    weights = np.random.default_rng(1).uniform(0.5, 2.0, 1000)
+    weights[::10] = 0.0
+    estimator, spy = MockEstimator(), SpyRefiner()
+    run(np.column_stack([shifted_rows(), weights]), estimator, refine=spy)
+    for i, call in enumerate(estimator.calls):
+        kept = sample_of(1000, i, 40)
+        kept = kept[kept % 10 > 0]
+        np.testing.assert_array_equal(numbers(call["rows"]), kept)
+        np.testing.assert_array_equal(call["rows"].values, shifted_rows()[kept])
+        np.testing.assert_array_equal(call["rows"].weights, weights[kept])
+    np.testing.assert_array_equal(spy.rows.weights, weights[numbers(spy.rows)])
+
+
+def test_weights_decide_between_two_answers(rng):
+    rows = np.tile(rng.uniform(-10, 10, (2000, 1)), 2) + 0.02 * rng.standard_normal((2000, 2))
+    rows[:1000, 1] += 3.0
+    rows[1000:, 1] -= 4.0
+    for heavy, shift in ((slice(0, 1000), 3.0), (slice(1000, 2000), -4.0)):
+        weights = np.ones(2000)
+        weights[heavy] = 10.0
+        result = estimate(ArraySource(np.column_stack([rows, weights])), naive.Shift(), noise=0.03)
+        assert shift_of(result) == pytest.approx(shift, abs=0.05)
+        assert result.covariance is None
+
+
+@pytest.mark.parametrize("useless", [0.0, -1.0])
+def test_rows_without_a_weight_change_nothing(useless):
+    """They take a place in the samples, but nobody sees them."""
+    rows = np.column_stack([shifted_rows(), np.ones(1000)])
+    rows[::7, 2] = useless
+    result = run(rows, samples=2, sample_size=500)
+    rows[::7, 1] = 1e6
+    other = run(rows, samples=2, sample_size=500)
+    np.testing.assert_array_equal(other.model, result.model)
+    assert (other.num_rows, other.num_inliers) == (result.num_rows, result.num_inliers)
+    assert result.num_rows == 1000 - len(rows[::7])
 
 
 # --- the same bits for any workers ------------------------------------------------------------------------------------
@@ -641,4 +872,4 @@ def test_any_workers_give_the_same_bits(estimator, scale):
 
 
 def test_the_default_rule_is_the_one_the_paper_recommends():
-    np.testing.assert_array_equal(run().T, run(rule=TruncatedLp(0.1)).T)
+    np.testing.assert_array_equal(run().model, run(rule=TruncatedLp(0.1)).model)

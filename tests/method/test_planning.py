@@ -7,12 +7,13 @@ import nonsac
 from nonsac import AllPairsSource, ArraySource, MappedSource, StreamSource
 from nonsac.method import planning
 from nonsac.running.memory import bytes_for
+from nonsac.sources.contract import About
 
 
 class Blocks(ArraySource):
     """A million rows in blocks of 1,000, of which each takes 50 bytes a row to read."""
 
-    block_starts = np.arange(0, 1_000_001, 1000)
+    about = About(blocks=np.arange(0, 1_000_001, 1000))
 
     def __init__(self):
         super().__init__(np.broadcast_to(np.zeros((1, 4)), (1_000_000, 4)))
@@ -51,15 +52,14 @@ def test_what_is_in_memory_is_not_read(source):
 
 
 def test_a_source_that_does_not_tell_its_cost():
-    class Mine:
+    class Mine(nonsac.Source):
         width = 5
 
         def __len__(self):
             return 10**9
 
-        def take(self, indices): ...
-
-        def chunks(self, rows, start=0, stop=None): ...
+        def take(self, indices):
+            raise AssertionError("rows are read")
 
     plan = nonsac.plan(Mine())
     assert (plan.bytes_read, plan.bytes_of_all) == (4_000_000, 40_000_000_000)

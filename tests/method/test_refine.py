@@ -1,15 +1,22 @@
-import inspect
-
 import numpy as np
 import pytest
 
 import naive
-from nonsac import register_pairs
-from nonsac.method import refine
-from nonsac.method.refine import AsSelected, Refiner, UnionRefit, biweight_costs, by_name, reweighted_fit
-from nonsac.method.verdict import judge_rows
+from nonsac import Estimator, Noise, SpecialCase, register_pairs
+from nonsac.layouts import Rows
+from nonsac.method import judgement
+from nonsac.method.full_pass import FullFit
+from nonsac.method.refine import AsSelected, Refinement, Refiner
+from nonsac.method.refiners import REFINERS, by_name
+from nonsac.method.search import SampleTask, Search
+from nonsac.method.union_refit import UnionRefit
+from nonsac.method.verdict import Effort, judge_rows
 from nonsac.problems import Registration
+from nonsac.problems.contract import ContractBroken
+from nonsac.problems.fits import biweight_costs, reweighted_fit
 from nonsac.result import Hypothesis, Status
+from nonsac.sources import ArraySource
+from nonsac.testing import check_refiner
 
 THRESHOLD = 0.1
 
@@ -30,9 +37,38 @@ def scene(rng):
     return model, rows, hypotheses
 
 
+class Joint(Estimator):
+    """Has searched, and gives this hypothesis, or none, for a joint search."""
+
+    def __init__(self, found=None):
+        self.found = found
+
+    def estimate(self, problem, rows, noise, rng):
+        raise AssertionError
+
+    def search_jointly(self, problem, hypotheses, rows, noise, rng):
+        self.given = list(hypotheses), len(rows), noise.threshold, rng.random()
+        return self.found
+
+
+class Ended(Search):
+    """A search that has come to these hypotheses, and whose samples hold these rows; `more` if more are asked for."""
+
+    def __init__(self, problem, hypotheses, rows, threshold=THRESHOLD, more=None, estimator=None):
+        task = SampleTask(
+            ArraySource(rows), problem, estimator or Joint(), Noise.within(threshold), len(rows), seed=0, number=5
+        )
+        super().__init__(task, len(hypotheses), 1, None, None, None, hypotheses=list(hypotheses))
+        self.rows, self.more, self.asked = rows, more, []
+
+    def union(self, at_least=0):
+        self.asked.append(at_least)
+        return Rows(self.more if at_least and self.more is not None else self.rows)
+
+
 def refined(refiner, scene, winner):
     _, rows, hypotheses = scene
-    return refiner.refine(Registration(), hypotheses, winner, lambda at_least=0: rows, THRESHOLD)
+    return refiner.refine(Ended(Registration(), hypotheses, rows), winner)
 
 
 def test_union_refit_is_the_robust_fit_to_all_rows(scene):
@@ -74,13 +110,13 @@ def test_as_selected_returns_the_winner_judged(scene):
 def test_all_models_that_were_compared_count_in_the_verdict(refiner, scene, monkeypatch):
     told = []
 
-    def spy(problem, model, rows, threshold, tested, *rest):
-        told.append(tested)
-        return judge_rows(problem, model, rows, threshold, tested, *rest)
+    def spy(candidate, effort):
+        told.append(effort)
+        return judge_rows(candidate, effort)
 
-    monkeypatch.setattr(refine, "judge_rows", spy)
+    monkeypatch.setattr(judgement, "judge_rows", spy)
     refined(refiner, scene, 0)
-    assert set(told) == {40}
+    assert set(told) == {Effort(compared=40, searched=40)}
 
 
 class WithRefit(naive.Shift):
@@ -104,34 +140,88 @@ def shifts(*places):
 def test_a_fit_that_makes_things_worse_is_not_taken():
     rows, hypotheses = shifts(0.01, 0.05)
     problem = WithRefit(lambda start: 1000.0)
-    assert UnionRefit().refine(problem, hypotheses, 0, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.01
+    assert UnionRefit().refine(Ended(problem, hypotheses, rows), 0).model[0, 3] == 0.01
 
 
 def test_several_hypotheses_are_fitted_and_the_best_fit_is_taken():
     rows, hypotheses = shifts(0.02, 0.05, 5.0)
     problem = WithRefit(lambda start: 0.0 if start == 0.05 else start)
-    assert UnionRefit().refine(problem, hypotheses, 2, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.0
-    assert (
-        UnionRefit(candidates=1).refine(problem, hypotheses, 2, lambda at_least=0: rows, THRESHOLD).model[0, 3] == 0.02
-    )
+    search = Ended(problem, hypotheses, rows)
+    assert UnionRefit().refine(search, 2).model[0, 3] == 0.0
+    assert UnionRefit(candidates=1).refine(search, 2).model[0, 3] == 0.02
+
+
+def test_what_a_joint_search_finds_is_one_more_hypothesis(scene):
+    model, rows, hypotheses = scene
+    far = [hypotheses[1], hypotheses[2]]
+    found = Joint(Hypothesis(model, naive.residuals(model, rows), THRESHOLD, tested=1000))
+    search = Ended(Registration(), far, rows, estimator=found)
+    refinement = UnionRefit().refine(search, 0)
+    assert refinement.status is Status.OK
+    assert np.abs(refinement.model - model).max() < 0.01
+    assert found.given == (far, 400, THRESHOLD, np.random.default_rng([0, 5, 1]).random())
+    assert search.hypotheses == far
+    assert UnionRefit().refine(Ended(Registration(), far, rows), 0).status is Status.LOW_SUPPORT
+
+
+class Raising(Joint):
+    def search_jointly(self, problem, hypotheses, rows, noise, rng):
+        raise ZeroDivisionError
+
+
+def test_a_joint_search_that_fails_leaves_what_the_samples_found(scene):
+    _, rows, hypotheses = scene
+    failed = UnionRefit().refine(Ended(Registration(), hypotheses, rows, estimator=Raising()), 0)
+    expected = UnionRefit().refine(Ended(Registration(), hypotheses, rows), 0)
+    assert failed.status is Status.OK
+    np.testing.assert_array_equal(failed.model, expected.model)
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        (naive.shift_model(1.0), r"Joint.estimate must give a nonsac.Hypothesis, got ndarray"),
+        (
+            Hypothesis(np.zeros(3), np.zeros(400), 1.0),
+            r"Joint.estimate gave a model of the shape \(3,\); Registration has",
+        ),
+    ],
+)
+def test_a_joint_search_that_gives_something_else_is_refused(scene, found, message):
+    _, rows, hypotheses = scene
+    with pytest.raises(ContractBroken, match=message):
+        UnionRefit().refine(Ended(Registration(), hypotheses, rows, estimator=Joint(found)), 0)
+
+
+class Mirrored(naive.Shift):
+    """Shifts, of which a special case allows the opposite one, too."""
+
+    def special_cases(self, model, inliers, noise):
+        nothing = np.zeros(len(inliers), bool)
+        return [
+            SpecialCase("none", nothing, True),
+            SpecialCase("mirrored", nothing, True, naive.shift_model(-model[0, 3])[None]),
+        ]
+
+
+@pytest.mark.parametrize("start", [2.0, -2.0])
+def test_of_two_models_that_a_special_case_allows_the_better_one_is_taken(start):
+    rows = np.column_stack([np.zeros(80), np.r_[np.linspace(1.98, 2.02, 50), np.linspace(-2.02, -1.98, 30)]])
+    hypotheses = [Hypothesis(naive.shift_model(start), np.zeros(80), THRESHOLD)]
+    model = UnionRefit().refine(Ended(Mirrored(), hypotheses, rows), 0).model
+    np.testing.assert_allclose(model[0, 3], 2.0, atol=1e-4)
 
 
 def test_polishing_fits_the_winner_to_more_rows_than_the_union():
     rows, hypotheses = shifts(0.01)
     more = np.vstack([rows, rows + np.array([0.0, 0.01])])
-    asked = []
-
-    def union(at_least=0):
-        asked.append(at_least)
-        return more if at_least else rows
-
-    refinement = UnionRefit(polish_rows=120).refine(naive.Shift(), hypotheses, 0, union, THRESHOLD)
-    assert asked == [0, 120]
+    search = Ended(naive.Shift(), hypotheses, rows, more=more)
+    refinement = UnionRefit(polish_rows=120).refine(search, 0)
+    assert search.asked[0] == 0
+    assert set(search.asked) == {0, 120}
     assert refinement.num_rows == len(more)
     np.testing.assert_allclose(refinement.model[0, 3], 0.005, atol=1e-4)
-    np.testing.assert_allclose(
-        UnionRefit().refine(naive.Shift(), hypotheses, 0, union, THRESHOLD).model[0, 3], 0, atol=1e-4
-    )
+    np.testing.assert_allclose(UnionRefit().refine(search, 0).model[0, 3], 0, atol=1e-4)
 
 
 def test_biweight_costs_equal_their_definition(scene):
@@ -143,12 +233,12 @@ def test_biweight_costs_equal_their_definition(scene):
         else np.inf
         for m in models
     ]
-    np.testing.assert_allclose(biweight_costs(Registration(), models, rows, THRESHOLD), expected)
+    np.testing.assert_allclose(biweight_costs(Registration(), models, Rows(rows), THRESHOLD), expected)
 
 
 def test_reweighted_fit_is_a_fixed_point_of_tukeys_weights(scene):
     _, rows, hypotheses = scene
-    fitted = reweighted_fit(Registration(), hypotheses[0].model, rows, THRESHOLD, 100)
+    fitted = reweighted_fit(Registration(), hypotheses[0].model, Rows(rows), THRESHOLD, 100)
     ratio = naive.residuals(fitted, rows) / THRESHOLD
     weights = np.where(ratio < 1, (1 - ratio**2) ** 2, 0)
     np.testing.assert_allclose(fitted, naive.kabsch(rows, weights), atol=1e-7)
@@ -157,7 +247,7 @@ def test_reweighted_fit_is_a_fixed_point_of_tukeys_weights(scene):
 def test_reweighted_fit_without_enough_inliers_leaves_the_model(scene):
     _, rows, hypotheses = scene
     far = hypotheses[1].model + 50.0
-    np.testing.assert_array_equal(reweighted_fit(Registration(), far, rows, THRESHOLD, 20), far)
+    np.testing.assert_array_equal(reweighted_fit(Registration(), far, Rows(rows), THRESHOLD, 20), far)
 
 
 @pytest.mark.parametrize("wrong", ["icp", "Union", ""])
@@ -169,24 +259,40 @@ def test_unknown_names_are_refused_and_the_known_ones_listed(wrong):
 def test_names_find_refiners():
     assert by_name("union") == UnionRefit()
     assert by_name("polish") == UnionRefit(polish_rows=100_000)
+    assert by_name("full") == FullFit(polish_rows=30_000)
     assert by_name("none") == AsSelected()
 
 
-CLASSES = [
-    c
-    for _, c in inspect.getmembers(refine, inspect.isclass)
-    if c.__module__ == "nonsac.method.refine" and hasattr(c, "refine") and c is not Refiner
-]
+def test_there_is_a_name_for_every_refiner():
+    kinds = [*Refiner.__subclasses__(), *UnionRefit.__subclasses__()]
+    assert {kind for kind in kinds if kind.__module__.startswith("nonsac.method")} == set(map(type, REFINERS.values()))
 
 
-@pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__name__)
-def test_conformance(kind, scene):
-    refiner = kind()
-    assert isinstance(refiner, Refiner)
-    refinement = refined(refiner, scene, 0)
-    assert refinement.model.shape == (3, 4)
-    assert 0 <= refinement.confidence <= 1
-    assert 0 <= refinement.num_inliers <= refinement.num_rows == 400
+@pytest.mark.parametrize("name", REFINERS)
+def test_conformance(name, scene):
+    _, rows, hypotheses = scene
+    search = Ended(Registration(), hypotheses, rows)
+    refiner = by_name(name)
+    check_refiner(refiner, Registration(), rows, 0.02)
+    refinement = refiner.refine(search, 0)
+    for outcome in (refinement, refiner.finish(search, refinement)):
+        assert isinstance(outcome, Refinement)
+        assert outcome.model.shape == (3, 4)
+        assert 0 <= outcome.confidence <= 1
+        assert 0 <= outcome.num_inliers <= outcome.num_rows == 400
+
+
+@pytest.mark.parametrize("name", ["none", "union", "polish"])
+def test_a_problem_of_any_shape_and_without_extras_is_refined(name, rng):
+    rows = rng.uniform(-5, 5, (300, 2))
+    line = naive.line_model(30.0, 1.0)
+    rows[:150] += ((1.0 - rows[:150] @ line[:2]) + 0.01 * rng.standard_normal(150))[:, None] * line[:2]
+    start = naive.line_model(30.3, 1.01)
+    hypotheses = [Hypothesis(start, naive.Line().residuals(start[None], rows)[0], THRESHOLD, tested=100)]
+    refinement = by_name(name).refine(Ended(naive.Line(), hypotheses, rows), 0)
+    assert refinement.status is Status.OK
+    assert refinement.covariance is None
+    np.testing.assert_allclose(refinement.model, line, atol=0.02 if name == "none" else 0.004)
 
 
 # --- other answers ----------------------------------------------------------------------------------------------------
@@ -208,10 +314,11 @@ def test_a_second_motion_is_an_alternative_and_one_as_frequent_makes_the_answer_
     models, rows = two_motions(rng, second)
     problem = Registration()
     hypotheses = [Hypothesis(m, problem.residuals(m[None], rows)[0], 0.05, tested=50) for m in models]
-    refinement = UnionRefit().refine(problem, hypotheses, 0, lambda at_least=0: rows, 0.05)
+    refinement = UnionRefit().refine(Ended(problem, hypotheses, rows, 0.05), 0)
     assert refinement.status is status
     assert naive.angle_between(refinement.model, models[0]) < 1.0
     assert [naive.angle_between(a.T, models[1]) < 2.0 for a in refinement.alternatives] == [True] * bool(second)
+    assert all((a.T[:3] == a.model).all() for a in refinement.alternatives)
     assert [a.support for a in refinement.alternatives] == pytest.approx([second / 4000] * bool(second), rel=0.15)
     assert refinement.confidence == 0.5 if status is Status.AMBIGUOUS else refinement.confidence > 0.99
 
@@ -220,7 +327,7 @@ def test_two_motions_in_one_call_are_ambiguous(rng):
     models, rows = two_motions(rng, 390)
     result = register_pairs(rows[:, :3], rows[:, 3:], noise=0.01, samples=6, sample_size=600)
     assert result.status is Status.AMBIGUOUS
-    found = [result.T[:3], result.alternatives[0].T[:3]]
+    found = [result.model, result.alternatives[0].model]
     assert {int(np.argmin([naive.angle_between(model, m) for m in models])) for model in found} == {0, 1}
 
 

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive
+from nonsac import Estimator
 from nonsac.method import scoring
 from nonsac.method.scoring import (
     ClosestPair,
@@ -26,6 +27,7 @@ from nonsac.method.scoring import (
     select,
 )
 from nonsac.result import Hypothesis
+from nonsac.testing import check_rule
 
 NAMES = [
     *("most_inliers", "closest_pair", "closest_triplet", "minimum_mean", "minimum_median", "minimum_q3"),
@@ -308,37 +310,59 @@ def test_unknown_names_are_refused_and_the_known_ones_listed(wrong):
         assert name in str(caught.value)
 
 
-def test_fixed_plans_one_sample_with_the_budget_of_all():
-    class Estimator:
-        def with_budget(self, factor):
-            return f"{factor} times the budget"
+class Budgeted(Estimator):
+    """Tells its budget, and never works."""
 
-    assert FixedSample().plan(30, Estimator()) == (1, "30 times the budget")
+    def with_budget(self, factor):
+        return f"{factor} times the budget"
+
+    def estimate(self, problem, rows, noise, rng):
+        raise AssertionError
+
+
+def test_fixed_plans_one_sample_with_the_budget_of_all():
+    assert FixedSample().plan(30, Budgeted()) == (1, "30 times the budget")
+
+
+def test_fixed_needs_a_number_of_samples():
+    with pytest.raises(ValueError, match="samples must be a number with the rule fixed"):
+        FixedSample().plan(None, Budgeted())
+
+
+@pytest.mark.parametrize("rule", [rule for rule in RULES if rule.name != "fixed"], ids=lambda rule: rule.name)
+@pytest.mark.parametrize("samples", [None, 30])
+def test_all_other_rules_leave_the_samples_as_they_are(rule, samples):
+    estimator = Budgeted()
+    assert rule.plan(samples, estimator) == (samples, estimator)
+
+
+@pytest.mark.parametrize(
+    ("quantile", "name"), [(0.5, "minimum_median"), (0.75, "minimum_q3"), (0.9, "minimum_quantile_0.9")]
+)
+def test_a_quantile_has_a_name_of_its_own(quantile, name):
+    assert MinimumQuantile(quantile).name == name
 
 
 # What every rule must do; a new class in `nonsac.method.scoring` that needs settings has to be added here.
 SETTINGS = {
     Ideal: (naive.shift_model(0.0),),
-    MinimumQuantile: (0.5, "minimum_median"),
+    MinimumQuantile: (0.5,),
     PairCost: (0.1,),
     TruncatedLp: (0.1,),
 }
 CLASSES = [
     c
     for _, c in inspect.getmembers(scoring, inspect.isclass)
-    if c.__module__ == "nonsac.method.scoring" and hasattr(c, "scores") and c is not ScoringRule
+    if c.__module__ == "nonsac.method.scoring" and issubclass(c, ScoringRule) and c is not ScoringRule
 ]
 
 
 @pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__name__)
 def test_conformance(kind):
     rule = kind(*SETTINGS.get(kind, ()))
-    assert isinstance(rule, ScoringRule)
-    assert isinstance(rule.name, str)
-    assert pickle.loads(pickle.dumps(rule)).name == rule.name
+    check_rule(rule, problem)
     for seed in range(20):
         scores = rule.scores(random_hypotheses(seed), problem)
-        assert np.shape(scores) == (6,)
         assert not np.isnan(scores).any()
         assert np.isfinite(scores).any()
 

@@ -3,10 +3,12 @@ import pytest
 from scipy.stats import binom
 
 import naive
+from nonsac import Noise, SpecialCase
+from nonsac.layouts import Rows
 from nonsac.method import verdict as verdicts
-from nonsac.method.verdict import Residuals, chance_residuals, judge_rows
-from nonsac.problems import Registration, Weighted
-from nonsac.result import Status
+from nonsac.method.verdict import Candidate, Effort, Residuals, background, judge_rows
+from nonsac.problems import Registration
+from nonsac.result import Remark, Status
 
 THRESHOLD = 0.1
 
@@ -22,11 +24,12 @@ def scene(seed, n=500, right=50):
 
 
 def chance_rate(problem, model, rows, threshold):
-    return verdicts.chance_rate(chance_residuals(problem, model, rows), threshold)
+    return verdicts.chance_rate(Residuals.of(problem, model, Rows(rows)).shuffled, threshold)
 
 
-def judge(model, rows, tested=1000):
-    return judge_rows(Registration(), model, rows, THRESHOLD, tested)
+def judge(model, rows, tested=1000, problem=None, threshold=THRESHOLD, weights=None, known=True):
+    candidate = Candidate(problem or Registration(), model, Rows(rows, weights), Noise.within(threshold, known))
+    return judge_rows(candidate, tested if isinstance(tested, Effort) else Effort(tested, tested))
 
 
 def test_many_right_rows_are_trusted():
@@ -114,6 +117,45 @@ def test_the_chance_rate_is_the_same_each_time():
     assert chance_rate(Registration(), model, rows, 0.3) == chance_rate(Registration(), model, rows, 0.3)
 
 
+def test_background_rows_keep_either_half_and_lose_the_matches(rng):
+    rows = np.arange(60.0).reshape(10, 6)
+    drawn = background(Registration(), rows, 6000)
+    assert drawn.shape == (6000, 6)
+    firsts, seconds = (np.searchsorted(rows[:, column], drawn[:, column]) for column in (0, 3))
+    np.testing.assert_array_equal(drawn, np.hstack([rows[firsts, :3], rows[seconds, 3:]]))
+    assert (firsts != seconds).all()
+    pairs, mirrored = (sorted(zip(*numbers, strict=True)) for numbers in ((firsts, seconds), (seconds, firsts)))
+    assert pairs == mirrored
+    assert len(set(pairs)) == 90
+    np.testing.assert_array_equal(drawn, background(Registration(), rows, 6000))
+
+
+def test_background_of_rows_that_match_nothing_fills_the_box_around_them(rng):
+    rows = rng.standard_normal((300, 2)) * [1.0, 50.0] + [7.0, -3.0]
+    drawn = background(naive.Line(), rows, 20_000)
+    least, most = rows.min(axis=0), rows.max(axis=0)
+    shares = (drawn - least) / (most - least)
+    assert drawn.shape == (20_000, 2)
+    assert shares.min() >= 0.0
+    assert shares.max() <= 1.0
+    np.testing.assert_allclose(
+        np.quantile(shares, [0.1, 0.5, 0.9], axis=0), [[0.1] * 2, [0.5] * 2, [0.9] * 2], atol=0.02
+    )
+    assert abs(np.corrcoef(shares.T)[0, 1]) < 0.03
+    np.testing.assert_array_equal(drawn, background(naive.Line(), rows, 20_000))
+
+
+def test_a_problem_may_have_a_background_of_its_own():
+    class Far(naive.Shift):
+        def background(self, rows, size, rng):
+            return np.full((size, 2), [0.0, 1e6])
+
+    rows = np.column_stack([np.zeros(100), np.full(100, 3.0)])
+    residuals = Residuals.of(Far(), naive.shift_model(3.0), Rows(rows))
+    assert residuals.support(0.1) == pytest.approx(1.0, abs=1e-3)
+    assert Residuals.of(naive.Shift(), naive.shift_model(3.0), Rows(rows)).support(0.1) == pytest.approx(0.0, abs=1e-3)
+
+
 def test_verdicts_are_calibrated_on_random_rows():
     """The best of many random models, corrected for their number: a chance below 1 % comes up in about 1 % of cases."""
     low = 0
@@ -122,7 +164,7 @@ def test_verdicts_are_calibrated_on_random_rows():
         rows = rng.uniform(-1, 1, (300, 6))
         models = np.stack([naive.random_model(rng, spread=0.3) for _ in range(40)])
         best = models[np.argmax(Registration().count_inliers(models, rows, 0.3))]
-        low += judge_rows(Registration(), best, rows, 0.3, 40).confidence > 0.99
+        low += judge(best, rows, 40, threshold=0.3).confidence > 0.99
     assert low <= 5
 
 
@@ -138,17 +180,39 @@ def spread_scene(rng, width, n=4000, right=400):
 
 @pytest.mark.parametrize(("width", "trusted"), [(0.2, True), (0.1, True), (0.5, False), (1.0, False)])
 def test_inliers_that_spread_over_the_threshold_are_not_trusted(rng, width, trusted):
-    verdict = judge_rows(naive.Shift(), *spread_scene(rng, width), THRESHOLD, 1)
+    verdict = judge(*spread_scene(rng, width), 1, naive.Shift())
     assert (verdict.status is Status.OK) is trusted
-    assert (verdict.remarks == ()) is trusted
+    assert verdict.remarks == (() if trusted else (Remark.PARTLY_RIGHT,))
     assert (verdict.confidence > 0.99) if trusted else (verdict.confidence < 0.5)
 
 
 def test_inliers_that_spread_are_trusted_after_a_search_that_leaves_nothing_better(rng):
     model, rows = spread_scene(rng, 0.5)
-    confidences = [judge_rows(naive.Shift(), model, rows, THRESHOLD, tested).confidence for tested in (1, 30, 300)]
+    confidences = [judge(model, rows, tested, naive.Shift()).confidence for tested in (1, 30, 300)]
     assert confidences == sorted(confidences)
     assert confidences[0] < 0.5 < 0.99 < confidences[-1]
+
+
+def test_models_compared_count_against_an_answer_and_samples_searched_for_it(rng):
+    """A search may be known to have compared much and not known to have searched at all."""
+    model, rows = spread_scene(rng, 0.5)
+    assert judge(model, rows, Effort(1, 300), naive.Shift()).confidence > 0.99
+    for compared in (1, 300, 10**6):
+        verdict = judge(model, rows, Effort(compared, 1), naive.Shift())
+        assert (verdict.status, verdict.remarks) == (Status.LOW_SUPPORT, (Remark.PARTLY_RIGHT,))
+    few = scene(3, right=12)
+    confidences = [judge(*few, Effort(compared, 10**18)).confidence for compared in (1, 10**6, 10**18)]
+    assert confidences[0] > confidences[1] > confidences[2]
+    assert len({judge(*few, Effort(1, searched)).confidence for searched in (1, 10**18)}) == 1
+
+
+def test_a_model_that_looks_right_at_a_noise_nobody_gave_is_trusted_only_after_a_search(rng):
+    model, rows = spread_scene(rng, 0.2)
+    for tested in (1, 300):
+        assert judge(model, rows, tested, naive.Shift()).status is Status.OK
+    verdicts_on_unknown = [judge(model, rows, tested, naive.Shift(), known=False) for tested in (1, 300)]
+    assert [v.status for v in verdicts_on_unknown] == [Status.LOW_SUPPORT, Status.OK]
+    assert verdicts_on_unknown[0].remarks == (Remark.PARTLY_RIGHT,)
 
 
 @pytest.mark.parametrize(("dimension", "share"), [(1, 0.9545), (2, 0.8647), (3, 0.7385)])
@@ -177,9 +241,20 @@ def few_targets(rng):
 
 def test_weights_do_not_make_rows_distinct(rng):
     model, rows = few_targets(rng)
-    weighted = np.column_stack([rows, 1.0 + 1e-6 * rng.random(len(rows))])
-    assert judge_rows(Registration(), model, rows, 0.05, 1000).status is Status.LOW_SUPPORT
-    assert judge_rows(Weighted(Registration()), model, weighted, 0.05, 1000).status is Status.LOW_SUPPORT
+    weights = 1.0 + 1e-6 * rng.random(len(rows))
+    assert judge(model, rows, threshold=0.05).status is Status.LOW_SUPPORT
+    assert judge(model, rows, threshold=0.05, weights=weights).status is Status.LOW_SUPPORT
+
+
+def test_the_verdict_counts_rows_and_not_weights(rng):
+    model, rows = scene(3, right=12)
+    assert judge(model, rows, weights=rng.uniform(0.01, 100.0, len(rows))) == judge(model, rows)
+
+
+def test_copies_with_different_weights_are_copies(rng):
+    model, rows = scene(5, n=60, right=18)
+    often, weights = np.tile(rows, (5, 1)), rng.uniform(0.5, 2.0, 300)
+    assert judge(model, often, weights=weights) == judge(model, often) == judge(model, rows)
 
 
 @pytest.mark.parametrize("copies", [2, 10])
@@ -189,3 +264,56 @@ def test_copies_of_all_rows_change_little(copies):
     again = judge(model, np.tile(rows, (copies, 1)))
     assert once.status is again.status is Status.OK
     assert again.confidence == pytest.approx(once.confidence, abs=0.02)
+
+
+# --- special cases of the data ----------------------------------------------------------------------------------------
+
+
+class Special(naive.Shift):
+    """Shifts, of which a special case explains so large a share of the inliers."""
+
+    def __init__(self, share, determined=True, others=()):
+        self.share, self.case = share, {"determined": determined, "others": others}
+
+    def special_cases(self, model, inliers, noise):
+        return [SpecialCase("special", np.arange(len(inliers)) < self.share * len(inliers), **self.case)]
+
+
+def judge_special(rng, *case):
+    return judge(*spread_scene(rng, 0.2), 300, Special(*case))
+
+
+@pytest.mark.parametrize("determined", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.6])
+def test_a_special_case_that_leaves_much_unexplained_is_none(rng, share, determined):
+    verdict = judge_special(rng, share, determined)
+    assert (verdict.status, verdict.remarks, verdict.alternatives) == (Status.OK, (), ())
+
+
+@pytest.mark.parametrize("others", [(), np.empty((0, 3, 4))], ids=["tuple", "array"])
+def test_a_special_case_without_other_models_is_remarked_on(rng, others):
+    verdict = judge_special(rng, 1.0, True, others)
+    assert (verdict.status, verdict.remarks, verdict.alternatives) == (Status.OK, ("special",), ())
+    assert verdict.confidence > 0.99
+
+
+def test_a_special_case_that_determines_nothing_is_degenerate(rng):
+    verdict = judge_special(rng, 1.0, False)
+    assert (verdict.status, verdict.confidence, verdict.remarks) == (Status.DEGENERATE, 0.0, ("special",))
+
+
+def test_other_models_that_fit_as_well_make_the_answer_ambiguous(rng):
+    near, far = naive.shift_model(3.0 + 1e-4), naive.shift_model(3.5)
+    verdict = judge_special(rng, 1.0, True, np.stack([far, near]))
+    assert (verdict.status, verdict.confidence, verdict.remarks) == (Status.AMBIGUOUS, 0.5, ("special",))
+    (other,) = verdict.alternatives
+    np.testing.assert_array_equal(other.model, near)
+    np.testing.assert_array_equal(other.T, np.vstack([near, [0, 0, 0, 1]]))
+    assert other.support == pytest.approx(0.1, rel=0.3)
+    assert judge_special(rng, 1.0, True, far[None]).status is Status.OK
+
+
+def test_another_model_that_is_no_motion_has_no_matrix():
+    other = verdicts.alternative(naive.Line(), naive.line_model(30.0, 2.0), 0.4)
+    assert (other.T, other.support) == (None, 0.4)
+    np.testing.assert_array_equal(other.model, naive.line_model(30.0, 2.0))

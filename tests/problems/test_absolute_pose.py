@@ -6,12 +6,13 @@ from scipy.spatial.transform import Rotation
 
 import naive
 from nonsac.kernels.pose_fit import move
-from nonsac.problems import AbsolutePose
+from nonsac.problems import AbsolutePose, Noise
 
 FOCAL = 1000.0
 PROBLEM = AbsolutePose(FOCAL)
 SIGMA = 0.7  # pixels
-THRESHOLD = 5 * SIGMA
+NOISE = Noise.given(SIGMA)
+THRESHOLD = NOISE.threshold
 SURVEY = np.array([4.5e6, 5.2e5, 5e6])
 
 
@@ -132,7 +133,7 @@ def test_the_robust_refit_ignores_outliers(rng, offset):
     model, rows = elsewhere(*matching(rng, 300, SIGMA), offset)
     rows[:100, :2] = rng.uniform(-1, 1, (100, 2))
     start, _ = elsewhere(naive.nudged(rng, elsewhere(model, rows, -offset)[0], 0.2), rows, offset)
-    robust = PROBLEM.refit_robustly(start, rows, np.ones(300), THRESHOLD, 50)
+    robust = PROBLEM.fit_robustly(start, rows, np.ones(300), THRESHOLD, 50)
     assert PROBLEM.distance(robust, model) < 0.05
     centres = [-pose[:, :3].T @ pose[:, 3] for pose in (robust, model)]
     np.testing.assert_allclose(*centres, atol=0.01)
@@ -192,8 +193,8 @@ def test_determined_means_ten_degrees_of_rotation(rng):
         sigma = np.linalg.eigvalsh(np.linalg.inv(jacobian.T @ jacobian)[:3, :3])[-1] ** 0.5
         limit = 5 * 0.17 / sigma
         for pose, there in ((model, rows), elsewhere(model, rows)):
-            assert PROBLEM.determined(pose, there, 0.98 * limit)
-            assert not PROBLEM.determined(pose, there, 1.02 * limit)
+            assert PROBLEM.determined(pose, there, Noise.within(0.98 * limit))
+            assert not PROBLEM.determined(pose, there, Noise.within(1.02 * limit))
 
 
 def test_points_on_a_line_determine_nothing(rng):
@@ -202,22 +203,22 @@ def test_points_on_a_line_determine_nothing(rng):
         points = rows[0, 2:] + rng.uniform(0, 1, (50, 1)) * (rows[1, 2:] - rows[0, 2:])
         on_line = np.hstack([naive.projected(naive.moved(model, points)), points])
         on_line[:, :2] += SIGMA / FOCAL * rng.standard_normal((50, 2))
-        assert not PROBLEM.determined(model, on_line, THRESHOLD)
-        assert not PROBLEM.determined(np.full((3, 4), np.nan), on_line, THRESHOLD)
+        assert not PROBLEM.determined(model, on_line, NOISE)
+        assert not PROBLEM.determined(np.full((3, 4), np.nan), on_line, NOISE)
         fitted = PROBLEM.refit(model, on_line, np.ones(50))
-        assert np.isnan(fitted).all() or not PROBLEM.determined(fitted, on_line, THRESHOLD)
+        assert np.isnan(fitted).all() or not PROBLEM.determined(fitted, on_line, NOISE)
 
 
 def test_too_few_different_rows_are_not_determined(rng):
     model, rows = matching(rng, 2)
     for few in (rows[:0], rows[:1], rows, np.repeat(rows[:1], 20, axis=0), np.repeat(rows, 20, axis=0)):
-        assert not PROBLEM.determined(model, few, THRESHOLD)
-        assert not PROBLEM.determined(np.full((3, 4), np.nan), few, THRESHOLD)
+        assert not PROBLEM.determined(model, few, NOISE)
+        assert not PROBLEM.determined(np.full((3, 4), np.nan), few, NOISE)
 
 
 def test_without_a_model_points_that_are_spread_out_may_determine_one(rng):
     _, rows = matching(rng, 3)
-    assert PROBLEM.determined(np.full((3, 4), np.nan), rows, THRESHOLD)
+    assert PROBLEM.determined(np.full((3, 4), np.nan), rows, NOISE)
 
 
 @pytest.mark.parametrize("outliers", [0, 25])
@@ -231,10 +232,10 @@ def test_the_covariance_is_that_of_repeated_fits(rng, focal, outliers):
         rows = exact.copy()
         rows[:, :2] += sigma / focal * rng.standard_normal((n, 2))
         rows[:outliers, :2] += 3 * sigma / focal * rng.uniform(-1, 1, (outliers, 2))
-        fitted = problem.refit_robustly(model, rows, np.ones(n), 5 * sigma, 50)
+        fitted = problem.fit_robustly(model, rows, np.ones(n), 5 * sigma, 50)
         inliers = rows[problem.residuals(fitted[None], rows)[0] < 5 * sigma]
         errors.append(error_of(fitted, model))
-        covariances.append(problem.covariance(fitted, inliers, 5 * sigma))
+        covariances.append(problem.covariance(fitted, inliers, Noise.given(sigma)))
     errors, covariances = np.array(errors), np.array(covariances)
     assert covariances.shape == (500, 6, 6)
     np.testing.assert_allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-6)
@@ -253,16 +254,16 @@ def test_the_covariance_moves_with_the_origin_of_the_world(rng):
         shifted, there = elsewhere(model, rows, offset)
         centres = []
         for pose, some in ((model, rows), (shifted, there)):
-            covariance = PROBLEM.covariance(pose, some, THRESHOLD)
+            covariance = PROBLEM.covariance(pose, some, NOISE)
             x, y, z = pose[:, 3]
             # C = -R^T t, so R dC = -dt - [t]x w
             slope = np.hstack([-np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), -np.eye(3)])
             centres.append(slope @ covariance @ slope.T)
         np.testing.assert_allclose(centres[1], centres[0], rtol=rtol, atol=rtol * np.abs(centres[0]).max())
-        rotation = PROBLEM.covariance(model, rows, THRESHOLD)[:3, :3]
+        rotation = PROBLEM.covariance(model, rows, NOISE)[:3, :3]
         np.testing.assert_allclose(covariance[:3, :3], rotation, rtol=0, atol=1e-5 * rotation.max())
 
 
 def test_the_covariance_of_what_is_not_determined_is_not_finite(rng):
     model, rows = matching(rng, 2)
-    assert not np.isfinite(PROBLEM.covariance(model, np.repeat(rows, 5, axis=0), THRESHOLD)).any()
+    assert not np.isfinite(PROBLEM.covariance(model, np.repeat(rows, 5, axis=0), NOISE)).any()

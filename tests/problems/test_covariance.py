@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 import naive
 from nonsac import simulate
 from nonsac.kernels.pose_math import tangents
-from nonsac.problems import AbsolutePose, Registration, RelativePose
+from nonsac.layouts import Rows
+from nonsac.problems import AbsolutePose, Noise, Registration, RelativePose
 from nonsac.problems.covariance import robust_covariance
 from nonsac.problems.fits import reweighted_fit
 
@@ -47,13 +48,13 @@ def direction_error(fitted, truth):
     return np.r_[motion_error(fitted, truth)[:3], axes @ truth[:, 3] / (fitted[:, 3] @ truth[:, 3])]
 
 
-def normalised_square(problem, rows, truth, threshold):
+def normalised_square(problem, rows, truth, noise):
     """e^T C^-1 e of the fit to rows with outliers, divided by the number of parameters."""
     model = truth
     for _ in range(3):
-        model = reweighted_fit(problem, model, rows, threshold, 50)
-    inliers = rows[problem.residuals(model[None], rows)[0] < threshold]
-    covariance = problem.covariance(model, inliers, threshold)
+        model = reweighted_fit(problem, model, Rows(rows), noise.threshold, 50)
+    inliers = rows[problem.residuals(model[None], rows)[0] < noise.threshold]
+    covariance = problem.covariance(model, inliers, noise)
     error_of = direction_error if isinstance(problem, RelativePose) else motion_error
     error = error_of(model, truth)[: len(covariance)]
     return error @ np.linalg.solve(covariance, error) / len(error)
@@ -67,7 +68,7 @@ def mean_nees(rng, problem, make, inliers, outliers, noise, fits=400):
     total, squares = round(inliers / (1.0 - outliers)), []
     for _ in range(fits):
         rows, truth = make(total, outliers, noise, rng)
-        squares.append(normalised_square(problem, rows, truth, 5.0 * noise))
+        squares.append(normalised_square(problem, rows, truth, Noise.given(noise)))
     return np.sort(squares)[: fits * 99 // 100].mean()
 
 
@@ -108,7 +109,7 @@ def test_the_noise_may_grow_with_the_distance(rng, problem, n):
         points = rng.random((n, 3))
         noise = 0.02 * (0.3 * rng.standard_normal((n, 3)) + rng.standard_normal((n, 1)) * points)
         rows = np.hstack([points, naive.moved(truth, points + noise)])
-        squares.append(normalised_square(problem, rows, truth, 0.2))
+        squares.append(normalised_square(problem, rows, truth, Noise.within(0.2)))
     assert 0.8 < np.mean(squares) < 1.25
 
 
@@ -129,8 +130,8 @@ def numerical_slopes(model, points, p):
 def test_with_many_even_rows_the_covariance_is_that_of_least_squares(rng, problem):
     model = naive.random_model(rng, 1.0 if problem.scale else 2.5)
     rows = naive.matching_rows(rng, 20_000, model, noise=0.01)
-    fitted = reweighted_fit(problem, model, rows, 0.2, 50)
-    covariance = problem.covariance(fitted, rows, 0.2)
+    fitted = reweighted_fit(problem, model, Rows(rows), 0.2, 50)
+    covariance = problem.covariance(fitted, rows, Noise.within(0.2))
     slopes = numerical_slopes(model, rows[:, :3], len(covariance))
     expected = 0.01**2 * np.linalg.inv(slopes.T @ slopes)
     np.testing.assert_allclose(covariance, expected, rtol=0.05, atol=0.05 * np.diagonal(expected).min())
@@ -144,8 +145,8 @@ def test_the_covariance_of_a_moved_point_does_not_depend_on_the_origin(rng, prob
     far = model.copy()
     far[:, 3] += SURVEY[::-1] - model[:, :3] @ SURVEY
     points, offset = rows[:4, :3], np.r_[SURVEY, SURVEY[::-1]]
-    near_covariance = problem.covariance(model, rows, 0.1)
-    far_covariance = problem.covariance(far, rows + offset, 0.1)
+    near_covariance = problem.covariance(model, rows, Noise.within(0.1))
+    far_covariance = problem.covariance(far, rows + offset, Noise.within(0.1))
     p = len(near_covariance)
     near_slopes, far_slopes = np.zeros((2, 4, 3, p))
     for slopes, moved in ((near_slopes, points @ model[:, :3].T), (far_slopes, (points + SURVEY) @ model[:, :3].T)):
@@ -169,9 +170,9 @@ def test_the_unit_of_length_scales_the_covariance(rng, problem, unit):
     scaled = model.copy()
     scaled[:, 3] *= unit
     units = np.where(np.isin(np.arange(7), [3, 4, 5]), unit, 1.0)[: 6 if problem.scale else 7]
-    expected = problem.covariance(model, rows, 0.1) * np.outer(units, units)
+    expected = problem.covariance(model, rows, Noise.within(0.1)) * np.outer(units, units)
     size = np.sqrt(np.diagonal(expected))
-    difference = problem.covariance(scaled, unit * rows, unit * 0.1) - expected
+    difference = problem.covariance(scaled, unit * rows, Noise.within(unit * 0.1)) - expected
     np.testing.assert_allclose(difference / np.outer(size, size), 0, atol=1e-6)
 
 
@@ -181,13 +182,13 @@ def test_the_covariance_of_what_is_not_determined_is_not_finite(rng, problem):
     on_a_line = np.linspace(-1, 1, 20)[:, None] * [1.0, 2.0, 2.0]
     for points in (on_a_line, np.ones((20, 3)), np.repeat(on_a_line[:2], 5, axis=0), np.empty((0, 3))):
         rows = np.hstack([points, naive.moved(model, points)])
-        assert not np.isfinite(problem.covariance(model, rows, 0.1)).any()
+        assert not np.isfinite(problem.covariance(model, rows, Noise.within(0.1))).any()
 
 
 @BOTH
 def test_exact_rows_have_no_uncertainty(problem):
     points = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0], [4.0, 4.0, 4.0]])
-    np.testing.assert_array_equal(problem.covariance(np.eye(3, 4), np.hstack([points, points]), 0.1), 0.0)
+    np.testing.assert_array_equal(problem.covariance(np.eye(3, 4), np.hstack([points, points]), Noise.within(0.1)), 0.0)
 
 
 # --- residuals of any kind --------------------------------------------------------------------------------------------

@@ -4,9 +4,10 @@ from scipy.spatial.transform import Rotation
 
 import naive
 from nonsac.clouds.problem import OrientedRegistration
-from nonsac.problems import Registration
+from nonsac.problems import Noise, Registration
 
 THRESHOLD = 0.1
+NOISE = Noise.within(THRESHOLD)
 
 
 def matching(rng, n=200, **settings):
@@ -75,11 +76,11 @@ def test_collinear_inliers_do_not_determine_a_motion(rng):
     for spread, expected in ((0.0, False), (0.001, False), (1.0, True)):
         points = a + spread * rng.standard_normal(a.shape)
         rows = np.hstack([points, naive.moved(model, points)])
-        assert Registration().determined(model, rows, THRESHOLD) is expected
+        assert Registration().determined(model, rows, NOISE) is expected
 
 
 def test_identical_inliers_do_not_determine_a_motion():
-    assert Registration().determined(np.eye(4)[:3], np.ones((10, 6)), THRESHOLD) is False
+    assert Registration().determined(np.eye(4)[:3], np.ones((10, 6)), NOISE) is False
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-6, 1e-3, 1.0, 90.0, 179.99, 180.0])

@@ -8,12 +8,13 @@ import naive
 from nonsac import simulate
 from nonsac.kernels.pose_fit import move
 from nonsac.kernels.pose_math import tangents
-from nonsac.problems import RelativePose
+from nonsac.problems import Noise, RelativePose
 
 FOCALS = (800.0, 1200.0)
 PROBLEM = RelativePose(*FOCALS)
 SIGMA = 0.7  # pixels
-THRESHOLD = 5 * SIGMA
+NOISE = Noise.given(SIGMA)
+THRESHOLD = NOISE.threshold
 
 
 def matching(rng, n=200, sigma=0.0, degrees=40.0):
@@ -152,7 +153,7 @@ def test_the_robust_refit_ignores_outliers(rng):
     model, rows = matching(rng, 300, SIGMA)
     rows[:100] = rng.uniform(-0.7, 0.7, (100, 4))
     start = naive.nudged(rng, model, 0.2, direction=True)
-    robust = PROBLEM.refit_robustly(start, rows, np.ones(300), THRESHOLD, 50)
+    robust = PROBLEM.fit_robustly(start, rows, np.ones(300), THRESHOLD, 50)
     assert PROBLEM.distance(robust, model) < 0.3
     assert PROBLEM.distance(PROBLEM.refit(start, rows, np.ones(300)), model) > 0.5
 
@@ -204,8 +205,8 @@ def test_determined_means_ten_degrees_of_rotation_and_twenty_of_direction(rng):
         covariance = numerical_covariance(model, rows, 1.0)
         largest = [np.linalg.eigvalsh(block)[-1] ** 0.5 for block in (covariance[:3, :3], covariance[3:, 3:])]
         limits = 5 * 0.17 / largest[0], 5 * 0.35 / largest[1]
-        assert PROBLEM.determined(model, rows, 0.98 * min(limits))
-        assert not PROBLEM.determined(model, rows, 1.02 * min(limits))
+        assert PROBLEM.determined(model, rows, Noise.within(0.98 * min(limits)))
+        assert not PROBLEM.determined(model, rows, Noise.within(1.02 * min(limits)))
         by_rotation, by_direction = by_rotation + (limits[0] < limits[1]), by_direction + (limits[1] < limits[0])
     assert by_rotation > 0
     assert by_direction > 0
@@ -213,25 +214,25 @@ def test_determined_means_ten_degrees_of_rotation_and_twenty_of_direction(rng):
 
 def test_a_rotation_without_a_baseline_is_not_determined(rng):
     for _ in range(10):
-        assert not PROBLEM.determined(*rotated(rng, 100), THRESHOLD)
+        assert not PROBLEM.determined(*rotated(rng, 100), NOISE)
 
 
 def test_too_few_different_rows_are_not_determined(rng):
     for _ in range(10):
         model, rows = matching(rng, 4)
-        assert not PROBLEM.determined(model, rows, THRESHOLD)
-        assert not PROBLEM.determined(model, np.repeat(rows, 10, axis=0), THRESHOLD)
+        assert not PROBLEM.determined(model, rows, NOISE)
+        assert not PROBLEM.determined(model, np.repeat(rows, 10, axis=0), NOISE)
 
 
 def test_without_a_model_rows_that_are_spread_out_may_determine_one(rng):
     nothing = np.full((3, 4), np.nan)
     _, rows = matching(rng, 20)
-    assert PROBLEM.determined(nothing, rows, THRESHOLD)
-    assert not PROBLEM.determined(nothing, rows[:4], THRESHOLD)
-    assert not PROBLEM.determined(nothing, np.repeat(rows[:1], 20, axis=0), THRESHOLD)
+    assert PROBLEM.determined(nothing, rows, NOISE)
+    assert not PROBLEM.determined(nothing, rows[:4], NOISE)
+    assert not PROBLEM.determined(nothing, np.repeat(rows[:1], 20, axis=0), NOISE)
     on_a_line = rows.copy()
     on_a_line[:, 2:] = np.linspace(0, 1, 20)[:, None] * [0.3, -0.2]
-    assert not PROBLEM.determined(nothing, on_a_line, THRESHOLD)
+    assert not PROBLEM.determined(nothing, on_a_line, NOISE)
 
 
 @pytest.mark.parametrize("outliers", [0, 25])
@@ -245,10 +246,10 @@ def test_the_covariance_is_that_of_repeated_fits(rng, focals, outliers):
     for _ in range(500):
         rows = exact + sigma * pixel * rng.standard_normal((n, 4))
         rows[:outliers, 2:] += 4 * sigma * pixel[2:] * rng.uniform(-1, 1, (outliers, 2))
-        fitted = problem.refit_robustly(model, rows, np.ones(n), 5 * sigma, 50)
+        fitted = problem.fit_robustly(model, rows, np.ones(n), 5 * sigma, 50)
         inliers = rows[problem.residuals(fitted[None], rows)[0] < 5 * sigma]
         errors.append(error_of(fitted, model))
-        covariances.append(problem.covariance(fitted, inliers, 5 * sigma))
+        covariances.append(problem.covariance(fitted, inliers, Noise.given(sigma)))
     errors, covariances = np.array(errors), np.array(covariances)
     assert covariances.shape == (500, 5, 5)
     np.testing.assert_allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-9)
@@ -261,19 +262,19 @@ def test_the_covariance_is_that_of_repeated_fits(rng, focals, outliers):
 
 def test_the_covariance_of_what_is_not_determined_is_not_finite(rng):
     model, rows = matching(rng, 4)
-    assert not np.isfinite(PROBLEM.covariance(model, np.repeat(rows, 5, axis=0), THRESHOLD)).any()
+    assert not np.isfinite(PROBLEM.covariance(model, np.repeat(rows, 5, axis=0), NOISE)).any()
 
 
-# --- simpler models ---------------------------------------------------------------------------------------------------
+# --- special cases ----------------------------------------------------------------------------------------------------
 
 cameras = pytest.mark.parametrize(
     "problem", [RelativePose(1000.0, 1000.0), RelativePose(800.0, 2400.0), RelativePose(2400.0, 800.0)], ids=str
 )
 
 
-def simpler(problem, model, rows):
+def explained(problem, model, rows):
     """Shares of the rows that a rotation and a plane explain, and the second poses of the plane."""
-    rotation, plane = problem.simpler_models(model, rows, THRESHOLD)
+    rotation, plane = problem.special_cases(model, rows, NOISE)
     assert (rotation.name, rotation.determined) == ("pure rotation", False)
     assert (plane.name, plane.determined) == ("planar", True)
     assert len(rotation.others) == 0
@@ -283,7 +284,7 @@ def simpler(problem, model, rows):
 
 def fitted_inliers(problem, model, rows):
     """A robust fit, unless that has fewer inliers, and its inliers."""
-    fitted = problem.refit_robustly(model, rows, np.ones(len(rows)), THRESHOLD, 50)
+    fitted = problem.fit_robustly(model, rows, np.ones(len(rows)), THRESHOLD, 50)
     inliers = problem.residuals(np.stack([fitted, model]), rows) < THRESHOLD
     best = int(inliers[1].sum() > inliers[0].sum())
     return (fitted, model)[best], rows[inliers[best]]
@@ -294,10 +295,10 @@ def fitted_inliers(problem, model, rows):
 def test_a_pure_rotation_explains_all_but_a_few_of_its_matches(rng, problem, field):
     """With the noise that the threshold is made for; what is left over passes for evidence of a baseline."""
     for _ in range(10):
-        assert simpler(problem, *rotated(rng, 200, problem, field=field))[0] == 1
+        assert explained(problem, *rotated(rng, 200, problem, field=field))[0] == 1
         model, rows = rotated(rng, 200, problem, SIGMA, field)
-        assert simpler(problem, model, rows)[0] > 0.99
-        assert simpler(problem, *fitted_inliers(problem, model, rows))[0] > 0.97
+        assert explained(problem, model, rows)[0] > 0.99
+        assert explained(problem, *fitted_inliers(problem, model, rows))[0] > 0.97
 
 
 @cameras
@@ -306,7 +307,7 @@ def test_a_rotation_explains_what_is_far_away_only(rng, problem):
         model = naive.random_pose(rng)
         points = np.vstack([naive.scene(rng, 100, model, *depths) for depths in ((2, 8), (1e5, 1e6))])
         rows = np.hstack([naive.projected(points), naive.projected(naive.moved(model, points))])
-        explains = problem.simpler_models(model, rows, THRESHOLD)[0].explains
+        explains = problem.special_cases(model, rows, NOISE)[0].explains
         assert explains[:100].mean() < 0.1
         assert explains[100:].all()
 
@@ -316,7 +317,7 @@ def test_a_planar_scene_is_explained_by_its_plane(rng, problem):
     several = 0
     for _ in range(30):
         model, rows = planar(rng, 100, problem)
-        by_rotation, by_plane, others = simpler(problem, model, rows)
+        by_rotation, by_plane, others = explained(problem, model, rows)
         assert by_rotation < 0.5
         assert by_plane == 1
         for other in others:
@@ -324,7 +325,7 @@ def test_a_planar_scene_is_explained_by_its_plane(rng, problem):
             np.testing.assert_allclose(naive.sampson(other, rows), 0, atol=1e-9)
             assert (problem.residuals(other[None], rows)[0] < 1e-6).mean() > 0.9  # a few points may be behind a camera
             assert np.abs(other - model).max() > 0.05
-            np.testing.assert_allclose(simpler(problem, other, rows)[2], model[None], atol=1e-6)
+            np.testing.assert_allclose(explained(problem, other, rows)[2], model[None], atol=1e-6)
     assert several > 5
 
 
@@ -334,7 +335,7 @@ def test_a_plane_explains_all_but_a_few_of_its_noisy_matches(rng, problem, field
     several = 0
     for _ in range(20):
         model, inliers = fitted_inliers(problem, *planar(rng, 200, problem, SIGMA, field))
-        _, by_plane, others = simpler(problem, model, inliers)
+        _, by_plane, others = explained(problem, model, inliers)
         assert by_plane > 0.96
         for other in others:
             several += 1
@@ -347,7 +348,7 @@ def test_a_plane_in_a_scene_with_depth_explains_its_own_points(rng, problem):
     for _ in range(10):
         model, on_plane = planar(rng, 150, problem, SIGMA)
         off_plane = naive.two_view_rows(rng, 50, model)
-        explains = problem.simpler_models(model, np.vstack([on_plane, off_plane]), THRESHOLD)[1].explains
+        explains = problem.special_cases(model, np.vstack([on_plane, off_plane]), NOISE)[1].explains
         assert explains[:150].mean() > 0.95
         assert explains[150:].mean() < 0.5
 
@@ -356,10 +357,10 @@ def test_a_plane_in_a_scene_with_depth_explains_its_own_points(rng, problem):
 def test_a_general_scene_is_explained_by_neither(rng, problem):
     for _ in range(20):
         model = naive.random_pose(rng)
-        by_rotation, by_plane, _ = simpler(problem, model, naive.two_view_rows(rng, 200, model))
+        by_rotation, by_plane, _ = explained(problem, model, naive.two_view_rows(rng, 200, model))
         assert by_rotation < 0.2
         assert by_plane < 0.5
 
 
 def test_as_few_rows_as_a_minimal_sample_are_no_error(rng):
-    simpler(PROBLEM, *matching(rng, 5))
+    explained(PROBLEM, *matching(rng, 5))

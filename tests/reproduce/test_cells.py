@@ -8,6 +8,7 @@ import pytest
 from nonsac.evaluation import rotation_error
 from nonsac.method.scoring import MinimumMean, MostInliers, TruncatedLp
 from nonsac.method.search import SampleTask
+from nonsac.problems import Noise
 from nonsac.reproduce import cells
 from nonsac.reproduce.cells import RULES, Cell, run_trial
 from nonsac.reproduce.experiments import EXPERIMENTS, chosen
@@ -31,7 +32,7 @@ def hypotheses_of(cell, seed, number):
     rng = cell.generator(seed, number)
     rows, truth = cell.experiment.simulate(5 * cell.sample_size, cell.outlier_ratio, cell.noise, rng)
     seed = int(rng.integers(2**63))
-    parts = (cell.experiment.problem, cell.experiment.estimator, 5 * cell.noise, cell.sample_size, seed)
+    parts = (cell.experiment.problem, cell.experiment.estimator, Noise.given(cell.noise), cell.sample_size, seed)
     task = SampleTask(ArraySource(rows), *parts)
     return task, [task(i) for i in range(5)], truth
 

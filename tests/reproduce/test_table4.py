@@ -101,7 +101,7 @@ def test_each_rule_selects_its_own_hypothesis():
         model = np.eye(3, 4)
         model[:, :3] = Rotation.from_euler("z", angle, degrees=True).as_matrix()
         hypotheses.append(Hypothesis(model, np.where(np.arange(50) < count, 0.1, 9.0), threshold=1.0))
-    result = Result(np.eye(4), Status.OK, 1.0, 1, 1, 1.0, 1.0, hypotheses=tuple(hypotheses))
+    result = Result(np.eye(3, 4), Status.OK, 1.0, 1, 1, 1.0, 1.0, hypotheses=tuple(hypotheses))
     pair = simulate.CloudPair(np.eye(3), np.eye(3), np.eye(4), 1.0)
     errors = table4._errors_of_rules(result, pair)
     assert errors["ideal"] == 0

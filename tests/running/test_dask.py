@@ -10,7 +10,7 @@ import pytest
 
 import nonsac
 from nonsac import simulate
-from nonsac.method.search import SampleTask, TravellingTask
+from nonsac.method.search import SampleTask
 from nonsac.running.executors import are_elsewhere, ordered_map, parsed
 
 distributed = pytest.importorskip("distributed")
@@ -92,10 +92,10 @@ def test_a_killed_worker_costs_time_only(client, rows_on_disk):
 def test_what_travels_is_small(client, rng):
     """The rows of a sample, not those of the source, which are a hundred times as many."""
     source = nonsac.ArraySource(rng.random((200_000, 6)))
-    task = SampleTask(source, nonsac.Registration(), nonsac.Pcr99.for_pairs(), 0.05, 2000, 0)
-    assert len(pickle.dumps(TravellingTask(task).packed(3))) < 110_000
+    task = SampleTask(source, nonsac.Registration(), nonsac.Pcr99.for_pairs(), nonsac.Noise.given(0.01), 2000, 0)
+    assert len(pickle.dumps(task.packed(3))) < 110_000
     assert are_elsewhere(client)
-    hypothesis = next(iter(ordered_map(TravellingTask(task), 1, client)))
+    hypothesis = next(iter(ordered_map(task, 1, client, task.packed)))
     np.testing.assert_array_equal(hypothesis.residuals, task(0).residuals)
 
 

@@ -228,19 +228,18 @@ def test_a_closed_client_is_refused():
         list(ordered_map(square, 3, ClosedClient()))
 
 
-class Packed:
-    """A task of which only a part is sent."""
+def test_a_task_may_be_packed_for_the_way():
+    """Of which only a part is sent to an executor; threads of this process get the task itself."""
 
-    def __call__(self, i):
-        raise AssertionError("it should not travel")
+    def task(i):
+        return "whole", i
 
-    def packed(self, i):
+    def pack(i):
         return lambda number: (i, number)
 
-
-def test_a_task_may_be_packed_for_the_way():
     with ThreadPoolExecutor(2) as pool:
-        assert list(ordered_map(Packed(), 5, pool)) == [(i, i) for i in range(5)]
+        assert list(ordered_map(task, 5, pool, pack)) == [(i, i) for i in range(5)]
+    assert list(ordered_map(task, 5, 2, pack)) == [("whole", i) for i in range(5)]
 
 
 @pytest.mark.parametrize("wrong", [0, -1, True, 2.0, "2", "threads"])

@@ -44,6 +44,22 @@ def test_the_array_is_not_copied():
     assert ArraySource(rows).rows is rows
 
 
+def test_columns_may_have_names():
+    assert ArraySource(np.zeros((5, 2))).about.names is None
+    source = pickle.loads(pickle.dumps(ArraySource(np.zeros((5, 2)), ["a", "b"])))
+    assert source.about.names == ("a", "b")
+    with pytest.raises(ValueError, match="names must have one for each of 2 columns, got 3"):
+        ArraySource(np.zeros((5, 2)), "abc")
+
+
+def test_what_is_in_memory_costs_nothing_to_read(tmp_path):
+    source = ArraySource(np.zeros((5, 2)))
+    assert (source.about.in_memory, source.bytes_to_take(3)) == (True, 0)
+    np.save(tmp_path / "rows.npy", np.zeros((5, 2)))
+    mapped = ArraySource(np.load(tmp_path / "rows.npy", mmap_mode="r"))
+    assert (mapped.about.in_memory, mapped.bytes_to_take(3)) == (False, 48)
+
+
 @pytest.mark.parametrize("shape", [(3,), (2, 2, 2), ()])
 def test_other_shapes_are_refused_by_name(shape):
     with pytest.raises(ValueError, match=r"rows must be a \(n, D\) array"):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nonsac.sources.blocks import BlockSource, EvenBlockSource, block_rows
+from nonsac.sources.contract import About
 
 ROWS = np.arange(30.0).reshape(10, 3)
 
@@ -45,9 +46,15 @@ def test_a_range_reads_its_own_blocks_only():
     assert source.read == [2]
 
 
+def test_the_largest_block_is_known_without_reading():
+    source = Counting()
+    assert (source.about.largest_block, source.read) == (5, [])
+    assert About().largest_block == 0
+
+
 def test_no_rows():
     source = Counting(starts=(0,))
-    assert len(source) == 0
+    assert (len(source), source.about.largest_block) == (0, 0)
     assert list(source.chunks(5)) == []
     assert source.take(np.empty(0, np.int64)).shape == (0, 3)
 
@@ -71,7 +78,7 @@ class Even(EvenBlockSource):
 )
 def test_even_blocks(rows, size, starts):
     source = Even(rows, size)
-    np.testing.assert_array_equal(source.block_starts, starts)
+    np.testing.assert_array_equal(source.about.blocks, starts)
     np.testing.assert_array_equal(source.take(np.arange(rows)[::-1]), ROWS[:rows][::-1])
 
 
@@ -79,7 +86,7 @@ def test_starts_of_even_blocks_do_not_travel():
     source = Even(10**6, 2)
     told = pickle.dumps(source)
     assert len(told) < 200
-    np.testing.assert_array_equal(pickle.loads(told).block_starts, source.block_starts)
+    np.testing.assert_array_equal(pickle.loads(told).about.blocks, source.about.blocks)
 
 
 def test_bytes_of_even_blocks():

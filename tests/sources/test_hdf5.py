@@ -47,11 +47,12 @@ def test_datasets_side_by_side(path, rng, options):
     indices = rng.integers(0, 300, 50)
     source = Hdf5Source(path, ["uv", "deep/x", "y"])
     np.testing.assert_array_equal(source.take(indices), np.column_stack([uv, x, y])[indices])
-    assert source.names is None
+    assert source.about.names is None
     mixed = Hdf5Source(path, ["uv", "deep/x", "y"], [1, 3, 0])
     np.testing.assert_array_equal(mixed.take(indices), np.column_stack([uv[:, 1], y, uv[:, 0]])[indices])
+    assert Hdf5Source(path, ("deep/x", "y")).about.names == ("deep/x", "y")
     named = Hdf5Source(path, ("deep/x", "y"), ["y", 0])
-    assert named.names == ("y", "deep/x")
+    assert (named.names, named.about.names) == (("y", "deep/x"), None)
     np.testing.assert_array_equal(named.take(indices), np.column_stack([y, x])[indices])
 
 
@@ -62,8 +63,8 @@ def test_contiguous_beside_chunked(path, rng):
         file.create_dataset("b", data=rows[:, 2], chunks=(50,))
     source = Hdf5Source(path, ["a", "b"])
     np.testing.assert_array_equal(source.take(np.array([299, 1])), rows[[299, 1]])
-    assert len(source.block_starts) > 1
-    assert not hasattr(Hdf5Source(path, "a"), "block_starts")
+    assert len(source.about.blocks) > 1
+    assert Hdf5Source(path, "a").about.blocks is None
 
 
 def test_contiguous_rows_are_read_without_hdf5(path, monkeypatch):
@@ -101,7 +102,8 @@ def test_only_blocks_that_hold_a_row_are_read(path, monkeypatch):
     monkeypatch.setattr(hdf5, "block_rows", lambda chunk, width: chunk)
     write(path, options={"chunks": (100, 3)}, rows=np.zeros((1000, 3)))
     source, read = Hdf5Source(path, "rows"), []
-    np.testing.assert_array_equal(source.block_starts, np.arange(0, 1001, 100))
+    np.testing.assert_array_equal(source.about.blocks, np.arange(0, 1001, 100))
+    assert source.about.largest_block == 100
     inner = type(source._rows)
     read_block = inner.read_block
     monkeypatch.setattr(inner, "read_block", lambda self, block: read.append(block) or read_block(self, block))

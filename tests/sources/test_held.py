@@ -4,6 +4,7 @@ import threading
 import numpy as np
 
 from nonsac.sources import ArraySource, HeldSource
+from nonsac.sources.contract import About
 
 ROWS = np.arange(300.0).reshape(100, 3)
 
@@ -58,8 +59,36 @@ def test_what_is_held_does_not_travel():
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(held)).take(np.array([3])), ROWS[[3]])
 
 
-def test_other_attributes_are_those_of_the_source():
+def test_rows_may_be_read_before_they_are_asked_for():
     source = Counting()
-    source.names = ("x", "y", "z")
-    assert HeldSource(source).names == ("x", "y", "z")
-    assert not hasattr(HeldSource(source), "bytes_to_take")
+    held = HeldSource(source)
+    held.hold(np.array([7, 3]))
+    assert sorted(source.taken) == [3, 7]
+    np.testing.assert_array_equal(held.take(np.array([3, 7, 3])), ROWS[[3, 7, 3]])
+    assert sorted(source.taken) == [3, 7]
+
+
+class Blocks(Counting):
+    """Rows in blocks, on a disk, with names."""
+
+    about = About(("x", "y", "z"), np.array([0, 60, 100]))
+
+    def bytes_to_take(self, rows):
+        return 11 * rows
+
+
+def test_what_is_known_of_the_source_is_known_but_that_its_rows_are_here():
+    held = HeldSource(Blocks())
+    assert (held.width, len(held), held.about.names) == (3, 100, ("x", "y", "z"))
+    assert held.about.blocks.tolist() == [0, 60, 100]
+    assert (held.about.in_memory, held.about.keeps_rows) == (True, True)
+    assert held.bytes_to_take(3) == 33
+    assert (Blocks().about.in_memory, Blocks().about.keeps_rows) == (False, False)
+
+
+def test_some_columns_of_what_is_held():
+    source = Counting()
+    narrowed = HeldSource(source).narrowed([2, 0])
+    narrowed.hold(np.array([5]))
+    np.testing.assert_array_equal(narrowed.take(np.array([5, 5])), ROWS[[5, 5]][:, [2, 0]])
+    assert source.taken == [5]

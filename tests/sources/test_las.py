@@ -33,7 +33,7 @@ def write(path, rng, count=120_000, point_format=0, version="1.2"):
 def test_points(written, rng):
     path, points = written
     source, indices = LasSource(path), np.append(rng.integers(0, 120_000, 50), [119_999, 0])
-    assert (len(source), source.width, source.names) == (120_000, 3, ("x", "y", "z"))
+    assert (len(source), source.width, source.about.names) == (120_000, 3, ("x", "y", "z"))
     np.testing.assert_array_equal(source.take(indices), points[indices])
     np.testing.assert_array_equal(np.vstack(list(source.chunks(70_000, 9))), points[9:])
     np.testing.assert_array_equal(read_cloud(path), points)
@@ -42,7 +42,7 @@ def test_points(written, rng):
 def test_a_compressed_cloud_comes_in_its_chunks(tmp_path, rng, monkeypatch):
     path, points = write(tmp_path / "a.laz", rng)
     source, opened = LasSource(path), []
-    np.testing.assert_array_equal(source.block_starts, [0, 50_000, 100_000, 120_000])
+    np.testing.assert_array_equal(source.about.blocks, [0, 50_000, 100_000, 120_000])
     open_las = las.open_las
     monkeypatch.setattr(las, "open_las", lambda *given, **named: opened.append(given) or open_las(*given, **named))
     np.testing.assert_array_equal(source.take(np.array([110_000, 3, 4])), points[[110_000, 3, 4]])
@@ -52,7 +52,7 @@ def test_a_compressed_cloud_comes_in_its_chunks(tmp_path, rng, monkeypatch):
 
 def test_any_point_of_another_cloud_is_read_by_itself(tmp_path, rng):
     path, _ = write(tmp_path / "a.las", rng)
-    assert not hasattr(LasSource(path), "block_starts")
+    assert LasSource(path).about.blocks is None
     assert LasSource(path).bytes_to_take(10) == 10 * (12 + 4096)
 
 

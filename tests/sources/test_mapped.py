@@ -1,10 +1,9 @@
 import pickle
 
 import numpy as np
-import pytest
 
 from nonsac import Camera
-from nonsac.sources import ArraySource, MappedSource
+from nonsac.sources import ArraySource, HeldSource, MappedSource
 from nonsac.sources.blocks import BlockSource
 from nonsac.sources.mapped import BySideMap
 
@@ -39,15 +38,34 @@ def test_parts_have_maps_of_their_own():
     np.testing.assert_array_equal(taken[:, 2:], ROWS[[0, 4], 2:] * [1, 1, -1])
 
 
-def test_blocks_and_costs_are_handed_on_where_there_are_any():
+def test_blocks_and_costs_are_those_of_the_source():
     source = pickle.loads(pickle.dumps(MappedSource(MappedSource(Blocks(), np.negative), np.negative)))
-    assert source.block_starts.tolist() == [0, 5, 12]
+    assert source.about.blocks.tolist() == [0, 5, 12]
     assert source.bytes_to_take(3) == 21
     np.testing.assert_array_equal(source.take(np.array([11, 0])), ROWS[[11, 0]])
-    assert not hasattr(source, "in_memory")
+    assert not source.about.in_memory
     plain = MappedSource(ArraySource(ROWS), np.negative)
-    assert plain.in_memory
-    assert not hasattr(plain, "block_starts")
-    assert not hasattr(plain, "bytes_to_take")
-    with pytest.raises(AttributeError, match="MappedSource has no attribute 'rows'"):
-        _ = plain.rows
+    assert plain.about.in_memory
+    assert plain.about.blocks is None
+    assert plain.bytes_to_take(3) == 0
+
+
+def test_names_are_lost_in_a_function():
+    """It may give other columns."""
+    source = ArraySource(ROWS, "abcde")
+    assert MappedSource(source, np.negative).about.names is None
+    assert source.narrowed([0, 1]).about.names is None
+
+
+def test_the_width_is_that_of_what_the_function_gives():
+    seen = []
+    source = MappedSource(ArraySource(ROWS), lambda rows: seen.append(len(rows)) or rows[:, :2])
+    assert (source.width, source.width) == (2, 2)
+    assert seen == [0]
+
+
+def test_what_the_source_holds_is_asked_of_it():
+    held = HeldSource(Blocks())
+    MappedSource(MappedSource(held, np.negative), np.negative).hold(np.array([4, 11]))
+    assert len(held._indices) == 2
+    assert MappedSource(held, np.negative).about.keeps_rows

@@ -27,16 +27,21 @@ def test_rows_of_any_dtype_and_order(path, rng, dtype, order):
         assert (len(source), source.width) == chosen.shape
         np.testing.assert_array_equal(source.take(indices), chosen[indices])
         np.testing.assert_array_equal(np.vstack(list(source.chunks(300))), chosen)
-        assert source.names is None
+        assert source.about.names is None
 
 
 def test_fields(path, rng):
     save_with_any_names(path)
     source, indices = NpySource(path, ["größe", "y", 0]), rng.integers(0, 300, 100)
-    assert source.names == ("größe", "y", "x")
+    assert (source.names, source.about.names) == (("größe", "y", "x"), None)
     expected = np.column_stack([RECORDS[name].astype(float) for name in source.names])
     np.testing.assert_array_equal(source.take(indices), expected[indices])
     np.testing.assert_array_equal(np.vstack(list(source.chunks(70))), expected)
+
+
+def test_fields_that_nobody_chose_are_found_by_name(path):
+    np.save(path, np.zeros(5, [("y", "f4"), ("x", "i2")]))
+    assert NpySource(path).about.names == ("y", "x")
 
 
 def save_with_any_names(path):

@@ -3,9 +3,9 @@ import pytest
 
 import nonsac
 from nonsac.io import InputError
-from nonsac.layouts import MATCHES
+from nonsac.layouts import MATCHES, PAIRS, POINTS, Layout
 from nonsac.sources import ArraySource, ParquetSource
-from nonsac.sources.columns import pick_columns
+from nonsac.sources.columns import arranged
 
 ROWS = np.arange(60.0).reshape(12, 5)
 NAMES = ("u", "v", "X", "Y", "Z")
@@ -188,17 +188,147 @@ def test_what_is_no_table_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"two.npz: holds 5 columns, no column 7"):
         nonsac.open_source(tmp_path / "two.npz", dataset="a", columns=[7])
     np.savez(tmp_path / "odd.npz", x=ROWS, X=ROWS[1:])
-    with pytest.raises(InputError, match=r"odd.npz: holds no rows of numbers"):
+    with pytest.raises(
+        InputError, match=r"odd.npz: its arrays have 12 and 11 rows, which should match one by one; sav"
+    ):
         nonsac.open_source(tmp_path / "odd.npz")
+    np.savez(tmp_path / "flat.npz", x=ROWS, X=ROWS[:, 0])
+    with pytest.raises(InputError, match=r"flat.npz: holds no rows of numbers"):
+        nonsac.open_source(tmp_path / "flat.npz")
 
 
-def test_columns_that_were_asked_for_stay_in_their_order(tmp_path):
-    """Also where calls know their names: x2 y2 x1 y1 are the cameras the other way round."""
-    pyarrow = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
-    columns = {name: np.arange(6.0) + 10 * place for place, name in enumerate(("x1", "y1", "x2", "y2"))}
-    parquet.write_table(pyarrow.table(columns), tmp_path / "rows.parquet")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("# nothing\n", "the file holds no rows; export it again with its rows"),
+        ("a b c\n1 2\n", "its header names 3 columns, its rows have 2; name every column, or remove the header line"),
+        ("a b\n1 2\n3\n", "line 3 has 1 columns where 2 are needed"),
+    ],
+)
+def test_text_without_whole_rows_is_refused(make_file, refused, text, message):
+    path = make_file("rows.txt", text)
+    assert message in refused(path, nonsac.open_source, path)
+
+
+# --- the columns that a call needs ------------------------------------------------------------------------------------
+
+
+def named(path, kind, columns):
+    """A file of these columns, in this order, of a kind that has names."""
+    if kind == "csv":
+        np.savetxt(path, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")
+    elif kind in ("parquet", "feather"):
+        library = pytest.importorskip(f"pyarrow.{kind}")
+        write = library.write_table if kind == "parquet" else library.write_feather
+        write(pytest.importorskip("pyarrow").table(columns), str(path))
+    elif kind == "npy":
+        rows = np.zeros(12, [(name, "f8") for name in columns])
+        for name, column in columns.items():
+            rows[name] = column
+        with path.open("wb") as file:
+            np.save(file, rows)
+
+
+NAMED = ["csv", "parquet", "feather", "npy"]
+
+
+@pytest.mark.parametrize("layout", [POINTS, "u v | X Y Z", Layout("U V x y z")])
+@pytest.mark.parametrize("kind", NAMED)
+def test_columns_are_found_by_name_in_whatever_case_and_order(tmp_path, kind, layout):
+    """Beside others; and the weight comes last."""
+    order = [("z", 4), ("WEIGHT", None), ("id", 0), ("v", 1), ("U", 0), ("X", 2), ("y", 3)]
+    columns = {name: np.linspace(0.1, 1, 12) if place is None else ROWS[:, place] for name, place in order}
+    columns["id"] = np.full(12, np.nan)
+    named(tmp_path / "rows", kind, columns)
+    source = nonsac.open_source(tmp_path / "rows", layout=layout)
+    expected = np.column_stack([ROWS, columns["WEIGHT"]])
+    np.testing.assert_array_equal(source.take(np.array([11, 0])), expected[[11, 0]])
+    del columns["WEIGHT"]
+    named(tmp_path / "plain", kind, columns)
+    np.testing.assert_array_equal(nonsac.open_source(tmp_path / "plain", layout=layout).take(np.arange(12)), ROWS)
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_a_file_that_names_its_columns_must_have_them_all(tmp_path, refused, kind):
+    path = tmp_path / "rows"
+    named(path, kind, dict(zip(("a", "b", "u", "v", "z"), ROWS.T, strict=True)))
+    message = refused(path, lambda: nonsac.open_source(path, layout=POINTS))
+    assert (
+        "rows of 5 columns (a b u v z), of which none is called X Y; rename the columns, or choose them, by" in message
+    )
+    assert message.endswith("in the order of u v X Y Z")
+    source = nonsac.open_source(path, layout=POINTS, columns=[2, 3, 0, 1, 4])
+    np.testing.assert_array_equal(source.take(np.arange(12)), ROWS[:, [2, 3, 0, 1, 4]])
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_columns_that_were_asked_for_stay_in_their_order(tmp_path, kind):
+    """Also if calls know their names: x2 y2 x1 y1 are the cameras the other way round."""
+    columns = {name: np.arange(12.0) + 20 * place for place, name in enumerate(("x1", "y1", "x2", "y2"))}
+    named(tmp_path / "rows", kind, columns)
     turned = ["x2", "y2", "x1", "y1"]
-    for chosen, first in ((None, [0, 10, 20, 30]), (turned, [20, 30, 0, 10]), ([2, 3, 0, 1], [20, 30, 0, 10])):
-        source = pick_columns(nonsac.open_source(tmp_path / "rows.parquet", columns=chosen), MATCHES)
-        np.testing.assert_array_equal(source.take(np.array([0]))[0], first)
+    for chosen, first in ((None, [0, 20, 40, 60]), (turned, [40, 60, 0, 20]), ([2, 3, 0, 1], [40, 60, 0, 20])):
+        source = nonsac.open_source(tmp_path / "rows", columns=chosen)
+        assert source.about.names == (None if chosen else ("x1", "y1", "x2", "y2"))
+        for same in (arranged(source, MATCHES), nonsac.open_source(tmp_path / "rows", layout=MATCHES, columns=chosen)):
+            np.testing.assert_array_equal(same.take(np.array([0]))[0], first)
+
+
+def test_the_header_of_a_text_names_its_columns_of_numbers(make_file):
+    path = make_file("rows.txt", "x;word;Y\n1;a;2\n3;b;4\n")
+    source = nonsac.open_source(path)
+    assert source.about.names == ("x", "y")
+    np.testing.assert_array_equal(source.take(np.arange(2)), [[1, 2], [3, 4]])
+    assert nonsac.open_source(path, columns=["Y", 0]).about.names is None
+
+
+@pytest.mark.parametrize("write", [npy, text, hdf5, zarr_array, zarr_group, npz])
+def test_columns_without_names_are_taken_by_position_and_number(tmp_path, refused, write):
+    path = tmp_path / "rows"
+    write(path)
+    for layout in (POINTS, "a b | c d"):  # four, and a weight
+        np.testing.assert_array_equal(nonsac.open_source(path, layout=layout).take(np.arange(12)), ROWS)
+    for layout, wanted in ((PAIRS, "6 (x1 y1 z1 x2 y2 z2), or 7 with"), ("a | b c", "3 (a b c), or 4 with")):
+        message = refused(path, lambda layout=layout: nonsac.open_source(path, layout=layout))
+        if write is npz:
+            assert "cannot tell which array to use (its keys are: rows, K); save" in message
+        else:
+            assert f"rows of 5 columns, not of {wanted} a weight; choose columns" in message
+        if write is text and layout is not PAIRS:
+            assert message.endswith("choose columns, or name them in a header line: a b c")
+    for layout in (PAIRS, MATCHES):
+        chosen = [0] * len(layout.names)
+        assert nonsac.open_source(path, layout=layout, columns=chosen).width == len(chosen)
+        assert "columns, not of " in refused(
+            path, lambda layout=layout: nonsac.open_source(path, layout=layout, columns=[0])
+        )
+
+
+def test_rows_that_stand_as_columns_are_noticed(tmp_path, refused):
+    np.save(tmp_path / "rows.npy", np.zeros((4, 700)))
+    path = tmp_path / "rows.npy"
+    message = refused(path, lambda: nonsac.open_source(path, layout=MATCHES))
+    assert message.endswith(
+        "rows of 700 columns, not of 4 (x1 y1 x2 y2), or 5 with a weight; transpose it, one row per match"
+    )
+
+
+@pytest.mark.parametrize("layout", [MATCHES, POINTS, PAIRS], ids=lambda layout: layout.columns)
+def test_the_keys_of_an_archive_are_those_of_the_layout(tmp_path, rng, layout):
+    rows = rng.normal(size=(7, len(layout.names)))
+    for keys in layout.keys:
+        parts = dict(zip(keys, layout.parts(rows), strict=True))
+        np.savez(tmp_path / "rows.npz", **parts, other=np.zeros((3, len(layout.names))))
+        np.testing.assert_array_equal(nonsac.open_source(tmp_path / "rows.npz", layout=layout).take(np.arange(7)), rows)
+        np.savez(tmp_path / "rows.npz", **parts, weights=np.arange(7))
+        for same in (layout, f" {layout.columns.replace('|', ' | ')}"):
+            source = nonsac.open_source(tmp_path / "rows.npz", layout=same)
+            np.testing.assert_array_equal(source.take(np.arange(7)), np.column_stack([rows, np.arange(7)]))
+
+
+def test_a_layout_of_ones_own_finds_its_only_array_in_an_archive(tmp_path):
+    np.savez(tmp_path / "rows.npz", K=np.eye(3), rows=ROWS)
+    for layout in ("a b c d e", "a | b c d"):
+        np.testing.assert_array_equal(
+            nonsac.open_source(tmp_path / "rows.npz", layout=layout).take(np.arange(12)), ROWS
+        )

@@ -8,7 +8,9 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+import nonsac
 from nonsac.io import InputError
+from nonsac.layouts import MATCHES, Layout
 from nonsac.sources import ParquetSource, parquet
 
 pa = pytest.importorskip("pyarrow")
@@ -46,7 +48,8 @@ def folder(tmp_path):
 @pytest.mark.parametrize("compression", ["lz4", None])
 def test_rows_and_blocks_are_those_of_the_file(tmp_path, name, compression):
     source = ParquetSource(write(tmp_path / name, compression=compression))
-    assert source.block_starts.tolist() == [0, 30, 60, 90, 100]
+    assert source.about.blocks.tolist() == [0, 30, 60, 90, 100]
+    assert source.about.largest_block == 30
     indices = np.array([99, 0, 31, 31, 5])
     np.testing.assert_array_equal(source.take(indices), ROWS[indices])
     np.testing.assert_array_equal(np.vstack(list(source.chunks(7))), ROWS)
@@ -56,15 +59,16 @@ def test_rows_and_blocks_are_those_of_the_file(tmp_path, name, compression):
 @pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
 def test_columns_by_name_and_position(tmp_path, name, columns):
     source = ParquetSource(write(tmp_path / name), columns)
-    assert (source.width, source.names) == (2, ("y2", "x1"))
+    assert (source.width, source.names, source.about.names) == (2, ("y2", "x1"), None)
     np.testing.assert_array_equal(source.take(np.arange(100)), ROWS[:, [3, 0]])
-    np.testing.assert_array_equal(source.with_columns(["x2"]).take(np.array([4])), [[18.0]])
+    np.testing.assert_array_equal(source.narrowed([1]).take(np.array([4])), [[16.0]])
 
 
 def test_all_columns_of_numbers_are_taken_by_default(tmp_path):
     more = {"word": ["a"] * 100, "__index_level_0__": np.arange(100), "day": pa.array([0] * 100, pa.date32())}
     source = ParquetSource(write(tmp_path / "a.parquet", table(**more)))
-    assert source.names == NAMES
+    assert source.names == source.about.names == NAMES
+    assert source.other_columns == {"word": "holds string, not numbers", "day": "holds date32[day], not numbers"}
 
 
 @pytest.mark.parametrize("kind", ["f2", "f4", "f8", "i1", "i8", "u1", "u4"])
@@ -92,7 +96,7 @@ def test_a_folder_or_pattern_is_its_files_in_order(folder, style):
         (folder / "readme.txt").write_text("not data")
     paths = style(folder)
     source = ParquetSource(paths if "**" not in paths else f"{paths}/*.parquet")
-    assert source.block_starts.tolist() == [0, 15, 30, 40, 55, 70, 80, 95, 100]
+    assert source.about.blocks.tolist() == [0, 15, 30, 40, 55, 70, 80, 95, 100]
     np.testing.assert_array_equal(source.take(np.arange(100)), ROWS)
 
 
@@ -143,6 +147,62 @@ def test_only_row_groups_that_hold_a_row_are_read_and_each_once(folder, reads):
     assert reads == [(block, column) for block in (0, 2, 1) for column in ("y2", "x1")]
 
 
+@pytest.fixture
+def openings(monkeypatch):
+    """The files that are opened, in order, each as often as it is."""
+    seen, opened = [], parquet._opened
+    monkeypatch.setattr(parquet, "_opened", lambda path: seen.append(os.path.basename(path)) or opened(path))
+    return seen
+
+
+@pytest.mark.parametrize("layout", ["y2 | x1 y1", Layout("Y2 X1"), None])
+@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
+def test_a_file_is_opened_once_for_its_footer_and_choosing_columns_opens_nothing(
+    tmp_path, reads, openings, name, layout
+):
+    path = write(tmp_path / name, table(word=["a"] * 100))
+    source = nonsac.open_source(path, layout=layout)
+    assert openings == [name]
+    narrowed = source.narrowed([1, 0])
+    assert (len(narrowed), narrowed.width, narrowed.about.blocks.tolist()) == (100, 2, [0, 30, 60, 90, 100])
+    assert narrowed.about.names == (("x1", "y2") if layout else ("y1", "x1"))
+    assert 0 < narrowed.bytes_to_take(100) <= source.bytes_to_take(100)
+    assert openings == [name]
+    assert reads == []
+    np.testing.assert_array_equal(narrowed.take(np.array([95, 99])), ROWS[[95, 99]][:, [0, 3] if layout else [1, 0]])
+    assert openings == [name] * 2
+    assert {column for _, column in reads} == set(narrowed.names)
+
+
+def test_each_of_many_files_is_opened_once(folder, openings):
+    nonsac.open_source(folder, layout="x1 y1 | x2 y2").narrowed([3])
+    assert openings == ["part.parquet"] * 3
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"y2": ["a"] * 100}, r"column 'y2' holds string, not numbers; save one column of numbers under this name"),
+        ({"Y2": pa.array([0] * 100, pa.date32())}, r"column 'Y2' holds date32\[day\], not numbers; save"),
+        (
+            {},
+            r"rows of 3 columns \(x1 y1 x2\), of which none is called y2; rename the columns, or choose them, by name",
+        ),
+    ],
+)
+def test_a_column_of_the_right_name_that_holds_no_numbers_is_named(tmp_path, columns, message):
+    path = write(tmp_path / "a.parquet", table(ROWS[:, :3], NAMES[:3], **columns))
+    with pytest.raises(InputError, match=f"a.parquet: {message}"):
+        nonsac.open_source(path, layout=MATCHES)
+    assert nonsac.open_source(path, layout="x1 y1").width == 2
+
+
+def test_of_two_columns_of_one_name_nobody_knows_which_is_meant(tmp_path):
+    twice = pa.table([*ROWS.T, ROWS[:, 0]], [*NAMES, "x1"])
+    with pytest.raises(InputError, match=r"a.parquet: column 'x1' is there several times; save one column of numbers"):
+        nonsac.open_source(write(tmp_path / "a.parquet", twice), layout=MATCHES)
+
+
 class Counting(io.FileIO):
     """Tells how many bytes are read."""
 
@@ -187,6 +247,13 @@ def test_the_pickle_is_a_description(folder):
     source = ParquetSource(folder)
     source.take(np.arange(100))
     assert len(pickle.dumps(source)) < 2000
+
+
+def test_what_is_not_read_does_not_travel(tmp_path):
+    columns = {f"column {number}": np.zeros(1) if number % 2 else ["a"] for number in range(2000)}
+    source = nonsac.open_source(write(tmp_path / "a.parquet", table(ROWS[:1]).add_column(0, "id", [[1]])), layout="x2")
+    wide = nonsac.open_source(write(tmp_path / "b.parquet", pa.table(columns | {"x2": [2.0]})), layout="x2")
+    assert len(pickle.dumps(wide)) < len(pickle.dumps(source)) + 100
 
 
 def test_the_working_directory_may_change(tmp_path, monkeypatch):

@@ -38,7 +38,7 @@ def test_rows_of_any_dtype(path, rng, monkeypatch, dtype, formatted):
     for columns in (None, [2, 0], [1, 1]):
         source, chosen = ZarrSource(path, columns=columns), rows[:, slice(None) if columns is None else columns]
         assert (len(source), source.width) == chosen.shape
-        np.testing.assert_array_equal(source.block_starts, [0, 100, 200, 300, 400, 450])
+        np.testing.assert_array_equal(source.about.blocks, [0, 100, 200, 300, 400, 450])
         np.testing.assert_array_equal(source.take(indices), chosen[indices])
         np.testing.assert_array_equal(np.vstack(list(source.chunks(130, 9, 420))), chosen[9:420])
 
@@ -50,7 +50,7 @@ def test_shards_are_blocks(path, rng, monkeypatch):
     array = zarr.create_array(store=str(path), shape=rows.shape, dtype="f8", chunks=(20, 3), shards=(200, 3))
     array[...] = rows
     source = ZarrSource(path)
-    np.testing.assert_array_equal(source.block_starts, [0, 200, 400, 450])
+    np.testing.assert_array_equal(source.about.blocks, [0, 200, 400, 450])
     np.testing.assert_array_equal(source.take(np.array([449, 3])), rows[[449, 3]])
 
 
@@ -66,9 +66,10 @@ def test_arrays_of_a_group_side_by_side(path, rng, formatted):
     indices = rng.integers(0, 300, 50)
     source = ZarrSource(path, ["uv", "deep/x", "y"], [1, 3, 0, 2])
     np.testing.assert_array_equal(source.take(indices), np.column_stack([uv[:, 1], y, uv[:, 0], x])[indices])
-    assert source.names is None
+    assert source.about.names is None
+    assert ZarrSource(path, ("deep/x", "y")).about.names == ("deep/x", "y")
     named = ZarrSource(path, ("deep/x", "y"), ["y"])
-    assert named.names == ("y",)
+    assert (named.names, named.about.names) == (("y",), None)
     np.testing.assert_array_equal(named.take(indices), y[indices, None])
     np.testing.assert_array_equal(ZarrSource(path, "uv").take(indices), uv[indices])
 

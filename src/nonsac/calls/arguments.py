@@ -8,7 +8,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.result import Array, Result
+from nonsac.layouts import Array, Layout
+from nonsac.result import Result
+from nonsac.sources.contract import Source
+
+
+def check_object(name: str, value: object, kind: type) -> None:
+    """Refuse what is no object of a class derived from a contract."""
+    if isinstance(value, kind):
+        return
+    if isinstance(value, type):
+        raise TypeError(f"{name} must be an object, got the class {value.__name__}: write {value.__name__}(...)")
+    raise TypeError(
+        f"{name} must be an object of a class derived from nonsac.{kind.__name__}, got {type(value).__name__}"
+    )
+
+
+def check_source(name: str, value: object, layout: Layout) -> None:
+    """Refuse what is no source, or has another number of columns than a layout, with or without a weight."""
+    if not isinstance(value, Source):
+        raise TypeError(
+            f"{name} must be a source of rows, got {type(value).__name__}: wrap an array in nonsac.ArraySource, "
+            "open a file with nonsac.open_source, or derive a class from nonsac.Source"
+        )
+    width = len(layout.names)
+    if value.width not in (width, width + 1):
+        raise ValueError(
+            f"{name} must have {width} columns ({' '.join(layout.names)}), or one more with a weight, got {value.width}"
+        )
 
 
 def points_argument(points: ArrayLike | None, name: str, width: int) -> NDArray[Any]:
@@ -29,7 +56,7 @@ def points_argument(points: ArrayLike | None, name: str, width: int) -> NDArray[
 
 
 def weights_argument(weights: ArrayLike | None, rows: int) -> Array | None:
-    """Weights (n,) of matches, or None where there are none or all are equal."""
+    """Weights (n,) of matches, or None if there are none or all are equal."""
     if weights is None:
         return None
     array = np.asarray(weights)
@@ -53,6 +80,6 @@ def warn_dropped(dropped: int, total: int, what: str, stacklevel: int) -> None:
 
 def warn_dropped_rows(result: Result, flaw: str, stacklevel: int) -> None:
     """Say how many of the rows that were looked at are no use; nobody looks at all of them."""
-    dropped = result.info.get("dropped_rows", 0)
+    dropped = sum(h.dropped for h in result.hypotheses)
     if dropped:
         warnings.warn(f"dropped {dropped} sampled rows {flaw}", stacklevel=stacklevel + 1)

@@ -1,10 +1,8 @@
-"""The calls that most users need: choose the parts, run the pipeline."""
+"""Registration of two raw clouds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,16 +13,16 @@ from nonsac.clouds.problem import OrientedRegistration
 from nonsac.clouds.refine import SurfaceRefiner, coarse_overlap
 from nonsac.clouds.search import Agreement, OrientedPairs
 from nonsac.clouds.surfaces import Surface
-from nonsac.method.pipeline import estimate
+from nonsac.layouts import Array
+from nonsac.method.pipeline import run
 from nonsac.method.scoring import TruncatedLp
-from nonsac.result import VERSION, Array, Result, Status, failed
+from nonsac.method.settings import Progress, Settings
+from nonsac.problems.noise import Noise
+from nonsac.result import VERSION, Evidence, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.executors import Workers
 from nonsac.seeds import canonical_seed
 from nonsac.sources import AllPairsSource
-
-Random = int | np.random.Generator | None
-Progress = Callable[[int, int], object]
 
 
 def register_clouds(
@@ -34,7 +32,7 @@ def register_clouds(
     samples: int = 40,
     sample_size: int = 2000,
     workers: Workers = None,
-    rng: Random = 0,
+    rng: int | np.random.Generator | None = 0,
     progress: Progress | None = None,
 ) -> Result:
     """Register two raw point clouds: no matches, no descriptors, no initial guess.
@@ -48,7 +46,7 @@ def register_clouds(
     source, target : (n, 3) and (k, 3) array
         Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped.
     samples, sample_size : int
-        At most this many samples of this many hypothesised pairs; fewer where several samples agree early.
+        At most this many samples of this many hypothesised pairs; fewer if several samples agree early.
     workers : None, int or concurrent.futures.Executor
         One thread for each core, this many threads, or an executor. The answer is the same, bit for bit.
     rng : int, numpy Generator or None
@@ -59,15 +57,17 @@ def register_clouds(
     -------
     Result
         `T` maps the source into the target's frame. `num_inliers` of `num_rows` thinned points of both clouds lie in
-        the other's surface. `status` is `AMBIGUOUS` where a clearly different answer does nearly as well (see
-        `alternatives`), `LOW_SUPPORT` where too little of the clouds coincides.
+        the other's surface. `status` is `AMBIGUOUS` if a clearly different answer does nearly as well (see
+        `alternatives`), `LOW_SUPPORT` if too little of the clouds coincides.
 
     Raises
     ------
     ValueError, TypeError
-        Where an array is not (n, 3) numbers; the message names it.
+        If an array is not (n, 3) numbers; the message names it.
     """
-    clock = Stopwatch()
+    problem, clock = OrientedRegistration(), Stopwatch()
+    given = {"samples": samples, "sample_size": sample_size, "workers": workers, "rng": rng, "progress": progress}
+    settings = Settings.of("register_clouds", given).fitting(problem)
     seed = canonical_seed(rng)
     a, dropped_source = _finite_cloud(source, "source")
     b, dropped_target = _finite_cloud(target, "target")
@@ -78,34 +78,29 @@ def register_clouds(
         "dropped_target": dropped_target,
     }
     if min(len(a), len(b)) < 3:
-        return failed(Status.TOO_FEW, float("nan"), info)
+        return failed(Status.TOO_FEW, Evidence(problem), info)
     frame = CommonFrame.of(a, b)
     full_source, full_target = frame.normalised(a, frame.source_origin), frame.normalised(b, frame.target_origin)
     info |= {"stray_source": len(a) - len(full_source), "stray_target": len(b) - len(full_target)}
     reason = _unusable(full_source) or _unusable(full_target)
     if reason is not None:
-        return failed(reason, float("nan"), info)
+        return failed(reason, Evidence(problem), info)
     overlap = coarse_overlap(Surface.from_points(full_source), Surface.from_points(full_target))
     clock.lap("preparation")
 
     estimator = OrientedPairs.for_overlap(overlap)
-    search = partial(
-        estimate,
-        AllPairsSource(overlap.source.oriented, overlap.target.oriented),
-        OrientedRegistration(),
-        noise=overlap.reach / 5.0,
-        samples=samples,
-        sample_size=sample_size,
+    pairs = AllPairsSource(overlap.source.oriented, overlap.target.oriented)
+    settings = replace(
+        settings,
+        noise=Noise.within(overlap.reach).sigma,
         rule=TruncatedLp(1.0),
         refine=SurfaceRefiner(overlap, full_source, full_target),
-        workers=workers,
         rng=seed,
-        progress=progress,
     )
-    result = search(estimator, stop=Agreement(overlap.reach))
+    result = run(pairs, problem, estimator, settings, Agreement(overlap.reach))
     seconds = clock.laps | result.info["seconds"]
     if not result.success:  # harder than it looked: all samples, and twice the candidates in each
-        result = search(estimator.with_budget(2))
+        result = run(pairs, problem, estimator.with_budget(2), settings)
         seconds |= {stage: seconds[stage] + again for stage, again in result.info["seconds"].items()}
     return frame.restore(replace(result, info=result.info | info | {"seconds": seconds}))
 

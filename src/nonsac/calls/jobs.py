@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, partial
-from os import PathLike
-from pathlib import Path
+from functools import partial
 from typing import Any, TypeVar
 
-from nonsac.calls import clouds, pairs, poses
+import numpy as np
+
+from nonsac.calls.registry import CALLS, Call
 from nonsac.result import Result
 from nonsac.running.executors import Workers, parsed, width_of
 from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses
 from nonsac.seeds import canonical_seed
-from nonsac.sources.open import open_source
 
 __all__ = ["Job", "WorkerDied", "estimate_many"]
 
 Outcome = Result | Exception
 Progress = Callable[[int, int | None], object]
 Answer = TypeVar("Answer")
-
-_CALLS: dict[str, Callable[..., Result]] = {
-    "relative_pose": poses.relative_pose,
-    "absolute_pose": poses.absolute_pose,
-    "register_pairs": pairs.register_pairs,
-    "register_clouds": clouds.register_clouds,
-}
-_IMAGES = {"relative_pose": ("image1", "image2"), "absolute_pose": ("image",)}
-_SET_HERE = ("workers", "progress")
-_TABLES, _LARGE = (".npy", ".parquet"), 64_000_000  # bytes
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -49,7 +37,7 @@ class Job:
     *data : arrays or paths
         What the call takes first, as arrays; or the names of files, read where the job runs: `matches` (or `features`
         and `matches` of hloc), `points`, `pairs` (or `source` and `target`), `source` and `target`. Weights and cameras
-        of a file are used where the settings name no others.
+        of a file are used if the settings name no others.
     name : str
         Tells the job apart from others.
     **settings
@@ -59,7 +47,7 @@ class Job:
     Raises
     ------
     ValueError, TypeError
-        Where there is no such call or setting, or the data are arrays in part and files in part.
+        If there is no such call or setting, or the data are arrays in part and files in part.
 
     Examples
     --------
@@ -73,11 +61,12 @@ class Job:
     name: str
 
     def __init__(self, call: str, /, *data: Any, name: str = "", **settings: Any) -> None:
-        if call not in _CALLS:
-            raise ValueError(f"call must be one of {', '.join(_CALLS)}, got {call!r}")
+        if call not in CALLS:
+            raise ValueError(f"call must be one of {', '.join(CALLS)}, got {call!r}")
+        known = CALLS[call].arguments
         for setting in settings:
-            if setting not in settings_of(call):
-                raise TypeError(f"{call} has no setting {setting!r} in a job; it has {', '.join(settings_of(call))}")
+            if setting not in known:
+                raise TypeError(f"{call} has no setting {setting!r} in a job; it has {', '.join(known)}")
         if len(set(map(_is_path, data))) > 1:
             raise TypeError(f"the data of a job are arrays or paths, not both; got {len(data)} of mixed kinds")
         if "rng" in settings and settings["rng"] is not None:  # a generator is drawn from now, in the order of the jobs
@@ -94,7 +83,7 @@ class Job:
         Parameters
         ----------
         time_limit : float, optional
-            Seconds, for the calls that take a limit (`register_clouds` takes none), where the settings hold none.
+            Seconds, for the calls that take a limit (`register_clouds` takes none), if the settings hold none.
 
         Returns
         -------
@@ -106,11 +95,11 @@ class Job:
         InputError, ValueError, TypeError
             What the readers and the call raise.
         """
-        settings = dict(self.settings)
-        if time_limit is not None and "time_limit" in settings_of(self.call):
+        call, settings = CALLS[self.call], dict(self.settings)
+        if time_limit is not None and "time_limit" in call.settings:
             settings.setdefault("time_limit", time_limit)
-        data = _read(self.call, self.data, settings) if any(map(_is_path, self.data)) else self.data
-        return _CALLS[self.call](*data, workers=1, **settings)
+        data = _read(call, self.data, settings) if any(map(_is_path, self.data)) else self.data
+        return call.function(*data, workers=1, **settings)
 
 
 def estimate_many(
@@ -134,32 +123,24 @@ def estimate_many(
     time_limit : float, optional
         Seconds for each job, handed on to the calls that take it: all but `register_clouds`.
     progress : callable, optional
-        Called as `progress(done, total)`, where `total` is None if `jobs` has no length.
+        Called as `progress(done, total)`; `total` is None if `jobs` has no length.
 
     Yields
     ------
     job : Job
     outcome : Result or Exception
         The result, the same bits as that of the call with `workers=1`; or what went wrong: a file that cannot be read,
-        an exception, or `WorkerDied` where the process of the job was killed twice (the other jobs go on). An executor
+        an exception, or `WorkerDied` if the process of the job was killed twice (the other jobs go on). An executor
         that you bring and that breaks as a whole ends the run, with its own exception.
 
     Raises
     ------
     ValueError, TypeError
-        Where `workers` is not as above, or something else than a job comes.
+        If `workers` is not as above, or something else than a job comes.
     """
     pool = parsed(workers)  # at once, and not when the first outcome is asked for
     total = len(jobs) if isinstance(jobs, Sized) else None
     return _counted(run_many(_Run(time_limit), jobs, pool), total, progress)
-
-
-@cache
-def settings_of(call: str) -> tuple[str, ...]:
-    """Names of what may be set for a call in a job."""
-    parameters = inspect.signature(_CALLS[call]).parameters.values()
-    names = [p.name for p in parameters if p.default is not p.empty and p.name not in _SET_HERE]
-    return (*_IMAGES.get(call, ()), *names)
 
 
 @dataclass(frozen=True)
@@ -248,32 +229,17 @@ def _is_path(part: Any) -> bool:
     return isinstance(part, (str, os.PathLike))
 
 
-def _read(call: str, paths: tuple[Any, ...], settings: dict[str, Any]) -> tuple[Any, ...]:
-    """The arrays of the call; what else the files hold goes into the settings, and the names of images leave them."""
-    from nonsac import io
+def _read(call: Call, paths: tuple[Any, ...], settings: dict[str, Any]) -> tuple[Any, ...]:
+    """What the call takes first; cameras of the files go into the settings, and the names of images leave them."""
+    from nonsac.io import open_matches, read_cloud
 
-    images = [settings.pop(name, None) for name in _IMAGES.get(call, ())]
-    if call == "register_clouds":
-        return tuple(map(io.read_cloud, paths))
-    if len(paths) == 1 and _is_large_table(paths[0]):
-        return (open_source(paths[0]),)
-    if call == "register_pairs":
-        return io.read_pairs(*paths)
-    if call == "absolute_pose":
-        points = io.read_points(*paths, *images)
-        _fill(settings, weights=points.weights, camera=points.camera)
-        return points.points2d, points.points3d
-    matches = io.read_hloc(*paths, *images) if len(paths) == 2 else io.read_matches(*paths, *images)
-    _fill(settings, weights=matches.weights, camera1=matches.camera1, camera2=matches.camera2)
-    return matches.points1, matches.points2
-
-
-def _is_large_table(path: str | PathLike[str]) -> bool:
-    """Whether a table is read in pieces, as the commands do; a file that is not there is the readers' to refuse."""
-    return Path(path).suffix.lower() in _TABLES and os.path.isfile(path) and os.path.getsize(path) > _LARGE
-
-
-def _fill(settings: dict[str, Any], **found: Any) -> None:
-    for name, value in found.items():
+    if call.layout is None:
+        return tuple(map(read_cloud, paths))
+    opened = open_matches(call.layout, paths, [settings.pop(name, None) for name in call.images])
+    for name, camera in zip(call.cameras, opened.cameras, strict=False):
         if settings.get(name) is None:
-            settings[name] = value
+            settings[name] = camera
+    if settings.get("weights") is None:
+        return (opened.source,)
+    chunks = opened.source.chunks(2**20)  # weights given besides replace those of the file
+    return call.layout.parts(np.concatenate([np.empty((0, opened.source.width)), *chunks]))

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.calls.arguments import points_argument, weights_argument
-from nonsac.layouts import Columns
-from nonsac.result import Array
-from nonsac.sources import JoinedSource, MappedSource
-from nonsac.sources.columns import pick_columns
+from nonsac.layouts import Array, Layout
+from nonsac.sources import ArraySource, JoinedSource, MappedSource
+from nonsac.sources.columns import arranged
 from nonsac.sources.contract import Source
-from nonsac.sources.mapped import BySideMap, Map
+from nonsac.sources.mapped import BySideMap, ColumnMap, Map
 
 _FEW_ROWS = 1000
 
@@ -30,7 +29,7 @@ class Correspondences:
     weights: Array | None = None
 
     def through(self, maps: Sequence[Map | None]) -> Source:
-        """The rows, of which each part passes through a map where it has one."""
+        """The rows, of which each part passes through a map if it has one."""
         maps = [*maps, None] if self.weighted else list(maps)
         if self.source is None:
             weights = [] if self.weights is None else [self.weights[:, None]]
@@ -53,36 +52,56 @@ def rows_of_arrays(
     return Correspondences((a, b), uneven is not None, weights=uneven)
 
 
-def rows_of_source(source: Source, columns: Columns, name: str, **others: object) -> Correspondences:
-    """Check a source that was passed in place of arrays, and pick its columns by their names where it has these.
+def rows_of_source(source: Source, layout: Layout, name: str, **others: object) -> Correspondences:
+    """Check a source that was passed in place of arrays, and arrange its columns by their names if it has names.
 
     Raises
     ------
     ValueError
-        Where the source has another number of columns, or `others` are given, which it would have to hold.
+        If the source has other columns, or `others` are given, which it would have to hold.
     """
     for other, given in others.items():
         if given is not None:
-            raise ValueError(f"{other} must be left out where {name} is a source, whose rows hold all")
+            raise ValueError(f"{other} must be left out if {name} is a source, whose rows hold all")
     try:
-        source = pick_columns(source, columns)
+        source = arranged(source, layout)
     except ValueError as error:
         raise ValueError(f"{name} is a source with {error}") from None
+    width = len(layout.names)
+    if source.width > width and _are_even(source):
+        source = source.narrowed(range(width))
     some = next(iter(source.chunks(_FEW_ROWS, 0, _FEW_ROWS)), np.empty((0, source.width)))
-    weighted = source.width > len(columns.names)
-    return Correspondences(columns.parts(some), weighted, source)
+    return Correspondences(layout.parts(some), source.width > width, source)
+
+
+def _are_even(source: Source) -> bool:
+    """Whether the last column, that of the weights, is the same positive number in all rows; known of arrays only."""
+    if not _are_arrays(source) or not len(source):
+        return False
+    first = float(source.take(np.zeros(1, np.int64))[0, -1])
+    few = (source.chunks(_FEW_ROWS, 0, _FEW_ROWS), source.chunks(2**16, _FEW_ROWS))  # weights mostly differ at once
+    return 0.0 < first < np.inf and all((rows[:, -1] == first).all() for chunks in few for rows in chunks)
+
+
+def _are_arrays(source: Source) -> bool:
+    """Whether to read all rows is to look at arrays in memory."""
+    if isinstance(source, MappedSource) and isinstance(source.map, ColumnMap):
+        return _are_arrays(source.source)
+    plain = isinstance(source, ArraySource) or (isinstance(source, JoinedSource) and not any(source.maps))
+    return plain and source.about.in_memory
 
 
 def spread_rows(source: Source, count: int, most_blocks: int) -> NDArray[np.int64]:
     """Numbers of at most so many rows, spread evenly over the source, or over some of its blocks."""
-    starts = getattr(source, "block_starts", np.array([0, len(source)]))
-    blocks = np.flatnonzero(np.diff(starts))
-    blocks = blocks[_evenly(len(blocks), most_blocks)]
-    sizes = np.diff(starts)[blocks]
+    blocks = source.about.blocks
+    starts = np.array([0, len(source)]) if blocks is None else blocks
+    filled = np.flatnonzero(np.diff(starts))
+    chosen = filled[_evenly(len(filled), most_blocks)]
+    sizes = np.diff(starts)[chosen]
     places = _evenly(int(sizes.sum()), count)
     ends = np.cumsum(sizes)
     inside = np.searchsorted(ends, places, side="right")
-    return places - (ends - sizes)[inside] + starts[blocks][inside]
+    return places - (ends - sizes)[inside] + starts[chosen][inside]
 
 
 def _evenly(rows: int, count: int) -> NDArray[np.int64]:

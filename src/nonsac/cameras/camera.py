@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from nonsac.cameras.lens import Complex, Lens
 from nonsac.cameras.models import checked_parameters, parameter_names
 from nonsac.cameras.parse import camera_fields
-from nonsac.result import Array
+from nonsac.layouts import Array
 
 __all__ = ["Camera", "CameraLike"]
 
@@ -102,8 +102,8 @@ class Camera:
         Returns
         -------
         ndarray, shape (n, 2)
-            NaN where the pixel is; where the lens maps no ray to it, or only rays beyond the radius at which its
-            distortion folds the image over; and where a fisheye's ray does not point forward.
+            NaN if the pixel is; if the lens maps no ray to it, or only rays beyond the radius at which its
+            distortion folds the image over; and if a fisheye's ray does not point forward.
         """
         w = _as_complex("pixels", pixels)
         fx, fy, centre = self._intrinsics
@@ -118,7 +118,7 @@ class Camera:
     def project(self, normalised: ArrayLike) -> Array:
         """Pixels of normalised coordinates: the inverse of `normalise`.
 
-        As in COLMAP, the formula is applied beyond the radius where the distortion folds over, too.
+        As in COLMAP, the formula is applied beyond the radius at which the distortion folds over, too.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Camera:
 
     @cached_property
     def _lens(self) -> Lens | None:
-        """None where there is no distortion."""
+        """None if there is no distortion."""
         named = dict(zip(parameter_names(self.model), self.params, strict=True))
         radial = [value for name, value in named.items() if name.startswith("k")]
         p = complex(named.get("p2", 0.0), named.get("p1", 0.0))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyroots, polyval
 from numpy.typing import NDArray
 
-from nonsac.result import Array
+from nonsac.layouts import Array
 
 Complex = NDArray[np.complex128]
 
@@ -59,7 +59,7 @@ class Lens:
         return z * (polyval(square, self.gain) + 2 * (self.p.conjugate() * z).real) + self.p * square
 
     def _solve(self, w: Complex) -> Complex:
-        """The z within the limit with formula(z) = w, NaN where there is none: Newton's method, each row damped."""
+        """The z within the limit with formula(z) = w, NaN if there is none: Newton's method, each row damped."""
         solution = np.full(len(w), complex(np.nan, np.nan))
         rows = np.flatnonzero(np.abs(w) < self.reach)
         w = w[rows]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nonsac.cameras.models import parameter_names
-from nonsac.result import Array
+from nonsac.layouts import Array
 
 
 def camera_fields(value: Any) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ import typer
 
 # The rest of nonsac is imported where it is needed: `--help` and a mistyped option answer at once.
 from nonsac.cli.batch import batch
-from nonsac.cli.messages import say, tell
+from nonsac.cli.messages import to_stderr, to_stdout
 from nonsac.cli.planning import plan
 from nonsac.cli.poses import absolute_pose, relative_pose
 from nonsac.cli.registration import demo, register_clouds, register_pairs
@@ -51,16 +51,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
     except _UsageError as error:
-        say(error.format_message())
+        to_stderr(error.format_message())
         return 2
     except OSError as error:
-        say(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        to_stderr(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return 2
     except ValueError as error:
-        say(str(error))
+        to_stderr(str(error))
         return 2
     if code == _INTERRUPTED:  # some versions of typer raise, others return it
-        say("interrupted")
+        to_stderr("interrupted")
     return code
 
 
@@ -68,7 +68,7 @@ def _version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
-        tell(f"nonsac {version('nonsac')}")
+        to_stdout(f"nonsac {version('nonsac')}")
         raise typer.Exit
 
 
@@ -89,4 +89,4 @@ def _reproduce(context: typer.Context) -> None:
 
 def _help_without_command(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
-        tell(context.get_help())
+        to_stdout(context.get_help())

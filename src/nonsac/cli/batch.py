@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from nonsac.cli.messages import say
+from nonsac.calls.registry import CALLS
+from nonsac.cli.messages import to_stderr
 from nonsac.cli.options import Quiet, positive
 from nonsac.cli.session import session
 
@@ -36,13 +37,7 @@ _FACTS = (
 )
 
 
-class CallName(StrEnum):
-    """Choices of --call."""
-
-    relative_pose = "relative-pose"
-    absolute_pose = "absolute-pose"
-    register_pairs = "register-pairs"
-    register_clouds = "register-clouds"
+CallName = StrEnum("CallName", {call.name: call.command for call in CALLS.values()})  # type: ignore[misc]
 
 
 def batch(
@@ -64,7 +59,10 @@ def batch(
     time_limit: Annotated[
         float | None,
         typer.Option(
-            callback=positive, metavar="SECONDS", help="For each pair: begin no further sample after this time."
+            parser=positive,
+            metavar="SECONDS",
+            show_default="none",
+            help="For each pair: begin no further sample after this time.",
         ),
     ] = None,
     resume: Annotated[
@@ -86,7 +84,7 @@ def batch(
 
         pairs = Manifest.read(manifest, call)
         if time_limit is not None and "register-clouds" in pairs.calls:
-            say("register-clouds takes no time limit: its pairs run to their end")
+            to_stderr("register-clouds takes no time limit: its pairs run to their end")
         with _open(journal, pairs, time_limit, resume) as kept:
             try:
                 task = _Summarise(time_limit)
@@ -94,13 +92,13 @@ def batch(
                     kept.add(line if isinstance(line, dict) else _failure(job, line))
                     progress(kept.count, pairs.count)
             except BaseException:
-                say(f"{kept.count} of {pairs.count} pairs are kept in {journal}; --resume goes on there")
+                to_stderr(f"{kept.count} of {pairs.count} pairs are kept in {journal}; --resume goes on there")
                 raise
         counts = _deliver(kept, output)
     journal.unlink()
     trusted = counts["trusted"] == pairs.count
     if not (quiet and trusted):
-        say(f"{_told(counts, pairs.count)}; wrote {output}")
+        to_stderr(f"{_told(counts, pairs.count)}; wrote {output}")
     raise typer.Exit(0 if trusted else 1)
 
 
@@ -124,7 +122,7 @@ def _check_output(manifest: Path, output: Path, journal: Path, resume: bool) -> 
     if resume and not journal.exists():
         if output.exists():
             raise _bad("--resume", f"{output} is complete, and nothing is left to resume; remove it to run all anew")
-        say(f"nothing to resume at {journal}: starting anew")
+        to_stderr(f"nothing to resume at {journal}: starting anew")
 
 
 def _bad(option: str, message: str) -> typer.BadParameter:

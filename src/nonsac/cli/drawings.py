@@ -12,12 +12,13 @@ if TYPE_CHECKING:
 
     from nonsac.cameras.camera import Camera
     from nonsac.cli.inputs import Cameras, Photo
-    from nonsac.io import Matches, PointMatches
-    from nonsac.result import Array, Result
+    from nonsac.layouts import Array
+    from nonsac.result import Result
 
 
-def drawing_of_pair(result: Result, matches: Matches, cameras: Cameras, photos: tuple[Photo, Photo]) -> Draw | None:
-    first, second = matches.points1, matches.points2
+def drawing_of_pair(
+    result: Result, first: Array, second: Array, cameras: Cameras, photos: tuple[Photo, Photo]
+) -> Draw | None:
     if not _finite_rows(first, second).any():
         return None
 
@@ -32,15 +33,17 @@ def drawing_of_pair(result: Result, matches: Matches, cameras: Cameras, photos: 
     return draw
 
 
-def drawing_of_points(result: Result, matches: PointMatches, camera: Camera | None, photo: Photo) -> Draw | None:
-    if not _finite_rows(matches.points2d, matches.points3d).any():
+def drawing_of_points(
+    result: Result, points2d: Array, points3d: Array, camera: Camera | None, photo: Photo
+) -> Draw | None:
+    if not _finite_rows(points2d, points3d).any():
         return None
 
     def draw(path: Path, title: str) -> None:
         from nonsac import plot
 
-        projected = project(result.apply(matches.points3d), camera)
-        plot.reprojections(path, matches.points2d, projected, result.inliers, _size(camera), photo, title)
+        projected = project(result.apply(points3d), camera)
+        plot.reprojections(path, points2d, projected, result.inliers, _size(camera), photo, title)
 
     return draw
 

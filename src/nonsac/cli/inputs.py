@@ -1,23 +1,24 @@
-"""What the pose commands read: matches, cameras and photos, and which of them go together."""
+"""What the commands read: tables and other files, cameras and photos, and which of them go together."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from nonsac.cli.options import camera_of
+from nonsac.cli.options import camera_of, columns_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nonsac.cameras.camera import Camera, CameraLike
-    from nonsac.io import Matches, PointMatches
-    from nonsac.result import Array
+    from nonsac.io import Opened
+    from nonsac.layouts import Array
 
     Cameras = tuple[Camera | None, Camera | None]
     Photo = NDArray[Any] | None
@@ -26,28 +27,75 @@ _HDF5 = (".h5", ".hdf5")
 _DATABASE = ".db"
 _MODEL_FILES = ("cameras", "images", "points3D")
 
-Images = tuple[str, str]
+
+@dataclass(frozen=True)
+class Table:
+    """The files of matched rows, as they are named on the command line."""
+
+    file: str
+    second: Path | None = None
+    images: tuple[str | None, ...] = ()
+    columns: str | None = None
+    dataset: str | None = None
+
+    @property
+    def suffix(self) -> str:
+        return Path(self.file).suffix.lower()
+
+    @property
+    def named_images(self) -> list[str]:
+        return [image for image in self.images if image is not None]
+
+    @property
+    def is_asked_for_as_table(self) -> bool:
+        """Whether options say that the file is a table of rows."""
+        return self.columns is not None or self.dataset is not None
+
+    def check_options(self, holds_rows: bool) -> None:
+        """Refuse options of tables for what is none."""
+        for option, value in (("--columns", self.columns), ("--dataset", self.dataset)):
+            if value is not None and not holds_rows:
+                raise bad(option, f"{self.file} is no table of rows; leave this option out")
+
+    def opened(self, layout: str) -> Opened:
+        """Its rows, with the columns of a layout."""
+        from nonsac import layouts
+        from nonsac.io import open_matches
+
+        files: list[str | Path] = [self.file] if self.second is None else [self.file, self.second]
+        images = [image_of(image) for image in self.named_images]
+        return open_matches(getattr(layouts, layout), files, images, columns_of(self.columns), self.dataset)
+
+    def parts(self, layout: str, rows: Array, total: int) -> tuple[Array, Array]:
+        """Both parts of some rows of so many in all; weights are refused that are negative, or all zero."""
+        from nonsac import layouts
+        from nonsac.calls.arguments import weights_argument
+
+        first, second = getattr(layouts, layout).parts(rows)
+        weights = rows[:, first.shape[1] + second.shape[1] :]
+        if weights.size and ((weights < 0.0).any() or len(rows) == total):
+            with blaming(self.file):
+                weights_argument(weights[:, 0], len(rows))
+        return first, second
 
 
-def check_pair(matches: Path, second: Path | None, image1: str | None, image2: str | None) -> Images | None:
-    """The names of both images, if any; refuse files and images that do not go together."""
-    if (image1 is None) != (image2 is None):
-        raise _bad("--image1" if image1 is None else "--image2", "name both images, or none")
-    suffix = matches.suffix.lower()
-    if suffix in _HDF5 and second is None:
-        problem = f"{matches}: hloc keeps matches apart from features; give both files, features first"
-        raise _bad("SECOND", f"{problem} (for rows of another HDF5 file name its --dataset)")
-    if suffix not in _HDF5 and second is not None:
-        raise _bad("SECOND", f"{matches} needs no second file: only the features of hloc (.h5) do")
-    if suffix in (*_HDF5, _DATABASE) and image1 is None:
-        raise _bad("--image1", f"{matches} holds the matches of many images; name two, with --image1 and --image2")
-    if _is_table(suffix) and image1 is not None:
-        raise _bad("--image1", f"{matches} holds the matches of one pair; only hloc and databases have images to name")
-    return None if image1 is None or image2 is None else (image1, image2)
-
-
-def is_hdf5(path: Path) -> bool:
-    return path.suffix.lower() in _HDF5
+def check_pair(table: Table) -> None:
+    """Refuse files and images that do not go together."""
+    images, is_hdf5 = table.named_images, table.suffix in _HDF5
+    table.check_options(not (table.second or images))
+    if len(images) == 1:
+        raise bad("--image1" if table.images[0] is None else "--image2", "name both images, or none")
+    if is_hdf5 and table.second is None and not table.is_asked_for_as_table and os.path.isfile(table.file):
+        problem = f"{table.file}: hloc keeps matches apart from features; give both files, features first"
+        raise bad("SECOND", f"{problem} (for rows of another HDF5 file name its --dataset)")
+    if not is_hdf5 and table.second is not None:
+        raise bad("SECOND", f"{table.file} needs no second file: only the features of hloc (.h5) do")
+    if (table.second is not None or table.suffix == _DATABASE) and not images:
+        raise bad("--image1", f"{table.file} holds the matches of many images; name two, with --image1 and --image2")
+    if images and table.second is None and table.suffix != _DATABASE and _is_table(table.suffix):
+        raise bad(
+            "--image1", f"{table.file} holds the matches of one pair; only hloc and databases have images to name"
+        )
 
 
 def _is_table(suffix: str) -> bool:
@@ -56,34 +104,34 @@ def _is_table(suffix: str) -> bool:
     return suffix in (".npz", ".npy", ".parquet", *TEXT_SUFFIXES)
 
 
-def check_geometry(matches: Path, images: Images | None, cameras: tuple[str | None, str | None]) -> None:
-    """Refuse to write a two-view geometry where there is no database, or where it would not fit its cameras."""
+def check_geometry(table: Table, cameras: Sequence[str | None]) -> None:
+    """Refuse to write a two-view geometry without a database, or if it would not fit its cameras."""
     option = "--write-geometry"
-    if images is None or matches.suffix.lower() in _HDF5:
-        raise _bad(option, f"{matches} is no COLMAP database; only there can a two-view geometry be written")
+    if not table.named_images or table.suffix in _HDF5:
+        raise bad(option, f"{table.file} is no COLMAP database; only there can a two-view geometry be written")
     if any(camera is not None for camera in cameras):
         problem = "a two-view geometry has to fit the cameras of the database"
-        raise _bad(option, f"{problem}; leave out --camera1 and --camera2, or change the database")
-    if matches.exists() and not os.access(matches, os.W_OK):
-        raise _bad(option, f"{matches} is write-protected")
+        raise bad(option, f"{problem}; leave out --camera1 and --camera2, or change the database")
+    if os.path.exists(table.file) and not os.access(table.file, os.W_OK):
+        raise bad(option, f"{table.file} is write-protected")
 
 
-def read_pair(matches: Path, second: Path | None, images: Images | None) -> Matches:
-    from nonsac import io
-
-    if images is None:
-        return io.read_matches(matches)
-    if second is not None:
-        return io.read_hloc(matches, second, *images)
-    return io.read_colmap_pair(matches, *map(image_of, images))
-
-
-def check_points(points: Path, image: str | None) -> None:
+def check_points(table: Table) -> None:
     """Refuse a model without an image, and an image without a model."""
-    if points.is_dir() and image is None:
-        raise _bad("--image", f"{points} holds the points of many images; name one")
+    points, image = Path(table.file), table.images[0]
+    table.check_options(image is None)
+    if image is None and points.is_dir() and not table.is_asked_for_as_table:
+        from nonsac.sources.open import holds_rows
+
+        if not holds_rows(table.file):
+            raise bad("--image", f"{points} holds the points of many images; name one")
     if points.is_file() and image is not None and points.stem not in _MODEL_FILES:
-        raise _bad("--image", f"{points} holds the points of one image; only the folder of a COLMAP model has names")
+        raise bad("--image", f"{points} holds the points of one image; only the folder of a COLMAP model has names")
+
+
+def check_pairs(table: Table) -> None:
+    """Refuse options of tables if there are two clouds."""
+    table.check_options(table.second is None)
 
 
 def model_files(points: Path) -> list[tuple[str, Path]]:
@@ -92,18 +140,12 @@ def model_files(points: Path) -> list[tuple[str, Path]]:
     return [("POINTS", points), *(("POINTS", folder / f"{name}.txt") for name in _MODEL_FILES)]
 
 
-def read_points(points: Path, image: str | None) -> PointMatches:
-    from nonsac import io
-
-    return io.read_points(points, None if image is None else image_of(image))
-
-
 def image_of(name: str) -> str | int:
     """COLMAP's number of an image, or its name."""
     return int(name) if name.isdecimal() else name
 
 
-def choose_camera(option: str | None, path: Path, name: str, in_file: CameraLike | None) -> Camera | None:
+def choose_camera(option: str | None, path: str, name: str, in_file: CameraLike | None) -> Camera | None:
     """The camera of the option, else that of the file, called `name` there."""
     from nonsac.cameras.camera import Camera
 
@@ -115,12 +157,13 @@ def choose_camera(option: str | None, path: Path, name: str, in_file: CameraLike
         return Camera.parse(in_file, name)
 
 
-def choose_cameras(options: tuple[str | None, str | None], path: Path, matches: Matches) -> Cameras:
+def choose_cameras(options: tuple[str | None, str | None], path: str, in_file: Sequence[CameraLike | None]) -> Cameras:
     """Those of both images; that of the second one is by default that of the first."""
-    first = choose_camera(options[0], path, "camera1", matches.camera1)
-    second = choose_camera(options[1], path, "camera2", matches.camera2)
+    found = (*in_file, None, None)
+    first = choose_camera(options[0], path, "camera1", found[0])
+    second = choose_camera(options[1], path, "camera2", found[1])
     if first is None and second is not None:
-        raise _bad("--camera1", "give the camera of the first image, too")
+        raise bad("--camera1", "give the camera of the first image, too")
     return first, second or first
 
 
@@ -129,14 +172,7 @@ def check_unit(points: Array, noise: float | None, camera: Camera | None, option
     from nonsac.calls.poses import look_like_pixels
 
     if noise is None and camera is None and look_like_pixels(points):
-        raise _bad(option, "the points look like pixels, and there is no camera: give one, or normalised coordinates")
-
-
-def check_table(is_table: bool, columns: str | None, dataset: str | None, file: str) -> None:
-    """Refuse options of tables for what is none."""
-    for option, value in (("--columns", columns), ("--dataset", dataset)):
-        if value is not None and not is_table:
-            raise _bad(option, f"{file} is no table of rows; leave this option out")
+        raise bad(option, "the points look like pixels, and there is no camera: give one, or normalised coordinates")
 
 
 def read_photo(option: str, path: Path | None, picture: Path | None, camera: Camera | None) -> Photo:
@@ -144,18 +180,18 @@ def read_photo(option: str, path: Path | None, picture: Path | None, camera: Cam
     if path is None:
         return None
     if picture is None:
-        raise _bad(option, "give --picture, too, into which it is drawn")
+        raise bad(option, "give --picture, too, into which it is drawn")
     if camera is None:
-        raise _bad(option, "the points are not in pixels as long as there is no camera")
+        raise bad(option, "the points are not in pixels as long as there is no camera")
     from matplotlib.image import imread
 
     try:
         return imread(path)
     except FileNotFoundError:
-        raise _bad(option, f"{path}: no such file; check the path") from None
+        raise bad(option, f"{path}: no such file; check the path") from None
     # What Pillow and its plugins raise for damaged files share no other type.
     except Exception:
-        raise _bad(option, f"{path}: is no image that can be read; give a .png or .jpg") from None
+        raise bad(option, f"{path}: is no image that can be read; give a .png or .jpg") from None
 
 
 @contextmanager
@@ -167,5 +203,5 @@ def blaming(path: Path | str) -> Iterator[None]:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _bad(option: str, message: str) -> typer.BadParameter:
+def bad(option: str, message: str) -> typer.BadParameter:
     return typer.BadParameter(message, param_hint=repr(option))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,102 +13,24 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from nonsac.calls.registry import CALLS, Call
 from nonsac.cli.inputs import image_of
-from nonsac.cli.options import LastFit, camera_of, count_from, count_of, memory, positive, scale, scale_of
+from nonsac.cli.options import camera_of
 
 if TYPE_CHECKING:
     from nonsac.calls.jobs import Job
 
-Cell = Callable[[str], Any]
 _SUFFIXES = (".csv", ".jsonl")
 
 
-def _number(least: int) -> Cell:
-    def read(text: str) -> int:
-        if not (text.isdecimal() and int(text) >= least):
-            raise ValueError(f"{text!r} is not a whole number of at least {least}")
-        return int(text)
-
-    return read
+def columns_of(call: Call) -> tuple[str, ...]:
+    """The columns that rows of a call may have."""
+    return (*call.files, *call.more_files, *call.images, *call.cameras, *(n for n in call.texts if n not in _SET_HERE))
 
 
-def _positive(text: str) -> float | None:
-    try:
-        return positive(float(text))
-    except ValueError:
-        raise ValueError(f"{text!r} is not a positive number") from None
-
-
-def _count(least: int) -> Cell:
-    return lambda text: count_of(count_from(least)(text))
-
-
-def _last_fit(text: str) -> str:
-    try:
-        return LastFit(text).value
-    except ValueError:
-        raise ValueError(f"{text!r} is not one of {', '.join(LastFit)}") from None
-
-
-_SEARCH: dict[str, Cell | None] = {
-    "max_samples": _number(1),
-    "time_limit": _positive,
-    "max_memory": memory,
-    "refine": _last_fit,
-    "seed": _number(0),
-}
-_PAIR = {"image1": image_of, "image2": image_of, "camera1": None, "camera2": None}
-
-
-@dataclass(frozen=True)
-class Call:
-    """The files that a call needs, those that it may have, and what may be set; each in a column of this name."""
-
-    files: tuple[str, ...]
-    more_files: tuple[str, ...]
-    settings: dict[str, Cell | None]  # None: a camera
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        return (*self.files, *self.more_files, *self.settings)
-
-
-CALLS = {
-    "relative-pose": Call(
-        ("matches",),
-        ("second",),
-        {**_PAIR, "noise": _positive, "samples": _count(1), "sample_size": _count(5), **_SEARCH},
-    ),
-    "absolute-pose": Call(
-        ("points",),
-        (),
-        {
-            "image": image_of,
-            "camera": None,
-            "noise": _positive,
-            "samples": _count(1),
-            "sample_size": _count(3),
-            **_SEARCH,
-        },
-    ),
-    "register-pairs": Call(
-        ("pairs",),
-        ("second",),
-        {
-            "noise": _positive,
-            "scale": lambda text: scale_of(scale(text)),
-            "samples": _count(1),
-            "sample_size": _count(3),
-            **_SEARCH,
-        },
-    ),
-    "register-clouds": Call(
-        ("source", "target"),
-        (),
-        {"samples": _number(1), "sample_size": _number(3), "seed": _number(0)},
-    ),
-}
-_COLUMNS = ("name", "call", *dict.fromkeys(column for call in CALLS.values() for column in call.columns))
+_SET_HERE = ("workers",)
+_BY_COMMAND = {call.command: call for call in CALLS.values()}
+_COLUMNS = ("name", "call", *dict.fromkeys(column for call in CALLS.values() for column in columns_of(call)))
 
 
 @dataclass(frozen=True)
@@ -191,28 +113,28 @@ def _job(row: dict[str, str], folder: Path, default: str | None, number: str) ->
         raise ValueError(f"there is no column {unknown[0]!r}; the columns are {', '.join(_COLUMNS)}")
     given = {name: cell for name, cell in cells.items() if cell}
     name, call = given.pop("name", number), given.pop("call", default or "").replace("_", "-")
-    if call not in CALLS:
+    if call not in _BY_COMMAND:
         needs = (
             f"the call {call!r} is none of"
             if call
             else "names no call: fill the column 'call', or give --call, with one of"
         )
-        raise ValueError(f"{needs} {', '.join(CALLS)}")
-    chosen = CALLS[call]
+        raise ValueError(f"{needs} {', '.join(_BY_COMMAND)}")
+    chosen = _BY_COMMAND[call]
     if missing := [file for file in chosen.files if file not in given]:
         raise ValueError(f"{call} needs a file in the column {missing[0]!r}")
-    if wrong := [column for column in given if column not in chosen.columns]:
-        raise ValueError(f"{call} has no {wrong[0]!r}; it has {', '.join(chosen.columns)}")
+    if wrong := [column for column in given if column not in columns_of(chosen)]:
+        raise ValueError(f"{call} has no {wrong[0]!r}; it has {', '.join(columns_of(chosen))}")
     files = [str(folder / given.pop(file)) for file in (*chosen.files, *chosen.more_files) if file in given]
-    settings = {column: _cell(column, text, chosen.settings[column], folder) for column, text in given.items()}
-    if "seed" in settings:
-        settings["rng"] = settings.pop("seed")
-    return Job(call.replace("-", "_"), *files, name=name, **settings)
+    settings = {chosen.texts.get(column, column): _cell(chosen, column, text, folder) for column, text in given.items()}
+    return Job(chosen.name, *files, name=name, **settings)
 
 
-def _cell(column: str, text: str, read: Cell | None, folder: Path) -> Any:
+def _cell(call: Call, column: str, text: str, folder: Path) -> Any:
     try:
-        return _camera(text, folder) if read is None else read(text)
+        if column in call.images:
+            return image_of(text)
+        return _camera(text, folder) if column in call.cameras else call.read(call.texts[column], text)
     except (ValueError, typer.BadParameter) as error:
         raise ValueError(f"{column}: {error}") from error
 

@@ -7,16 +7,16 @@ from pathlib import Path
 import typer
 
 
-def tell(text: str) -> None:
+def to_stdout(text: str) -> None:
     """On stdout."""
     typer.echo(text)
 
 
-def say(message: str) -> None:
+def to_stderr(message: str) -> None:
     """One line on stderr."""
     typer.echo(f"nonsac: {' '.join(message.split())}", err=True)
 
 
 def wrote(path: Path, what: str, quietly: bool) -> None:
     if not quietly:
-        tell(f"wrote {path}: {what}")
+        to_stdout(f"wrote {path}: {what}")

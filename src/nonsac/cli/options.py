@@ -1,85 +1,89 @@
-"""Options that several commands share, and their checks."""
+"""Options of the commands: those that settings are made into, those that several commands share, and their checks."""
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Callable
-from enum import StrEnum
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from nonsac.calls.registry import CALLS, Call
+from nonsac.method.settings import default_of, read_positive
+
 if TYPE_CHECKING:
     from nonsac.cameras.camera import Camera
-    from nonsac.result import Array
+    from nonsac.layouts import Array
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-class LastFit(StrEnum):
-    """Choices of --refine."""
+def takes_settings(name: str, before: str, helps: Mapping[str, str] | None = None) -> Callable[[Command], Command]:
+    """Gives a command an option for each setting of a call; it gets their values as keyword arguments.
 
-    union = "union"
-    polish = "polish"
-    full = "full"
-    none = "none"
+    Parameters
+    ----------
+    name : str
+        Of the call.
+    before : str
+        The parameter of the command that the options are shown before.
+    helps : dict, optional
+        What some options do, if it is to be said in another way than by the setting.
+    """
+    call = CALLS[name]
 
+    def decorated(command: Command) -> Command:
+        hints = get_type_hints(command, include_extras=True)
+        own = [p for p in inspect.signature(command).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        own = [p.replace(annotation=hints[p.name], kind=p.KEYWORD_ONLY) for p in own]
+        place = [p.name for p in own].index(before)
+        options = [_option(call, setting, helps or {}) for setting in call.texts.values()]
+        signature = inspect.Signature([*own[:place], *options, *own[place:]])
+        command.__signature__ = signature  # type: ignore[attr-defined]
+        return command
 
-def positive(value: float | None) -> float | None:
-    if value is not None and not 0 < value < float("inf"):
-        raise typer.BadParameter(f"{value:g} is not a positive number")
-    return value
-
-
-def count_from(least: int) -> Callable[[str], str]:
-    """A check of what is used as `count_of`: typer knows no type `int | "auto"`."""
-
-    def check(text: str) -> str:
-        if text != "auto" and not (text.isdecimal() and int(text) >= least):
-            raise typer.BadParameter(f"{text!r} is neither a number of at least {least} nor 'auto'")
-        return text
-
-    return check
-
-
-def count_of(text: str) -> int | Literal["auto"]:
-    return "auto" if text == "auto" else int(text)
+    return decorated
 
 
-def workers(text: str | None) -> str | None:
-    """Checked here, used as `workers_of`."""
-    if text is not None and "://" not in text and not (text.isdecimal() and int(text) >= 1):
-        raise typer.BadParameter(f"{text!r} is neither a number of at least 1 nor an address (tcp://host:8786)")
-    return text
+def _option(call: Call, setting: str, helps: Mapping[str, str]) -> inspect.Parameter:
+    """The option of a setting: text, which is checked and read as the call's own manifest would be."""
+    description, default = call.settings[setting], initial_of(call, setting)
+    option = typer.Option(
+        "--" + (description.option or setting).replace("_", "-"),
+        callback=lambda text: None if text is None else _read(call, setting, text),
+        metavar=description.form,
+        help=helps.get(setting, description.help),
+        show_default=description.default if default is None else True,
+    )
+    kind: Any = str if default is not None else str | None
+    return inspect.Parameter(
+        setting, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
+    )
 
 
-def workers_of(text: str | None) -> int | str | None:
-    return int(text) if text is not None and text.isdecimal() else text
+def initial_of(call: Call, setting: str) -> str | None:
+    """What a setting is on the command line if it is not given, as text."""
+    if setting in call.initial:
+        return call.initial[setting]
+    default = default_of(setting)
+    return None if default is None else str(default)
 
 
-def memory(text: str | None) -> str | None:
-    """Checked here, used as it is."""
-    if text is not None:
-        from nonsac.running.memory import bytes_of
-
-        try:
-            bytes_of(text)
-        except ValueError:
-            raise typer.BadParameter(f"{text!r} is no number of bytes, such as 500000000 or '500 MB'") from None
-    return text
+def _read(call: Call, setting: str, text: str) -> Any:
+    try:
+        return call.read(setting, text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
-def scale(text: str) -> str:
-    """Checked here, used as `scale_of`: typer knows no type `float | "free"`."""
-    if text != "free":
-        try:
-            positive(float(text))
-        except ValueError:
-            raise typer.BadParameter(f"{text!r} is neither a positive number nor 'free'") from None
-    return text
-
-
-def scale_of(text: str) -> float | None:
-    return None if text == "free" else float(text)
+def positive(text: str) -> float:
+    """Reads a number that an option holds."""
+    try:
+        return read_positive(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 def camera(text: str | None) -> str | None:
@@ -128,45 +132,26 @@ def _are_numbers(words: list[str]) -> bool:
     return all(map(is_number, words))
 
 
-_SAMPLE_SIZE = "Rows in each; with 'auto' more where inliers are few."
-_COUNT = "auto|INTEGER"
-_CAMERA = f"As in COLMAP's cameras.txt ('{_A_CAMERA}'), or fx,fy,cx,cy, or a file of K (three lines of three numbers)"
+def columns_of(text: str | None) -> list[str | int] | None:
+    """Names and positions, separated by commas."""
+    if text is None:
+        return None
+    words = [word.strip() for word in text.split(",")]
+    if not all(words):
+        raise typer.BadParameter(
+            f"{text!r} is no list of columns such as x1,y1,x2,y2 or 0,1,2,3", param_hint="'--columns'"
+        )
+    return [int(word) if word.isdecimal() else word for word in words]
 
-Samples = Annotated[
-    str,
-    typer.Option(callback=count_from(1), metavar=_COUNT, help="Number of samples; with 'auto' as many as it takes."),
-]
-SampleSizeOf3 = Annotated[str, typer.Option("--sample-size", callback=count_from(3), metavar=_COUNT, help=_SAMPLE_SIZE)]
-SampleSizeOf5 = Annotated[str, typer.Option("--sample-size", callback=count_from(5), metavar=_COUNT, help=_SAMPLE_SIZE)]
-MaxSamples = Annotated[int, typer.Option(min=1, help="Where --samples auto gives up.")]
-TimeLimit = Annotated[
-    float | None,
-    typer.Option(callback=positive, metavar="SECONDS", help="Begin no further sample after this time."),
-]
+
+_CAMERA = f"As in COLMAP's cameras.txt ('{_A_CAMERA}'), or fx,fy,cx,cy, or a file of K (three lines of three numbers)"
+POSE_HELPS = {
+    "noise": "Standard deviation of a right match, in pixels; without a camera in normalised coordinates.",
+    "estimator": "Finds a model in one sample: ransac (pcr99 is for registrations).",
+}
+
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same answer.")]
 Workers = Annotated[int | None, typer.Option(min=1, show_default="all cores", help="Number of threads.")]
-AnyWorkers = Annotated[
-    str | None,
-    typer.Option(
-        "--workers",
-        callback=workers,
-        metavar="INTEGER|ADDRESS",
-        show_default="all cores",
-        help="Number of threads, or the address of a Dask scheduler (tcp://host:8786).",
-    ),
-]
-MaxMemory = Annotated[
-    str | None,
-    typer.Option(
-        callback=memory,
-        metavar="BYTES",
-        help="Memory for the sampled rows, as '500 MB': bounds the samples, and the rows of the last fit.",
-    ),
-]
-Refine = Annotated[
-    LastFit,
-    typer.Option(help="The last fit: to the sampled rows, to 100,000, to all rows (in passes over them), or none."),
-]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no notes; warnings and errors remain.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Write the result to stdout as JSON, and nothing else there.")]
 Transform = Annotated[Path | None, typer.Option("--output", metavar="FILE", help="Write T as 4x4 text with 17 digits.")]
@@ -176,14 +161,6 @@ Inliers = Annotated[
         "--save-inliers",
         metavar="FILE",
         help="Write which rows are inliers: bool (.npy), or 0 or 1 a line (.txt, .csv).",
-    ),
-]
-PoseNoise = Annotated[
-    float | None,
-    typer.Option(
-        callback=positive,
-        show_default="measured",
-        help="Standard deviation of a right match, in pixels; without a camera in normalised coordinates.",
     ),
 ]
 Camera1 = Annotated[

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from nonsac.cli.messages import say, tell, wrote
+from nonsac.cli.messages import to_stderr, to_stdout, wrote
 
 if TYPE_CHECKING:
     from nonsac.result import Result
@@ -75,19 +75,13 @@ class Outputs:
 
 def show(result: Result, text: str, more: dict[str, Any], as_json: bool) -> None:
     """Print a result, before any file is written, so that a full disk cannot take it away."""
-    tell(json.dumps(result.to_dict() | more, indent=1, allow_nan=False) if as_json else text)
+    to_stdout(json.dumps(result.to_dict() | more, indent=1, allow_nan=False) if as_json else text)
     if not result.success:
-        say(f"NOT TRUSTED ({result.status}): {result.status.explanation}")
+        to_stderr(f"NOT TRUSTED ({result.status}): {result.status.explanation}")
 
 
 def exit_code(result: Result) -> typer.Exit:
     return typer.Exit(0 if result.success else 1)
-
-
-def is_found(result: Result) -> bool:
-    import numpy as np
-
-    return bool(np.isfinite(result.T).all())
 
 
 def matrix_text(result: Result) -> str:
@@ -96,17 +90,16 @@ def matrix_text(result: Result) -> str:
 
 def worth_writing(path: Path, what: str, result: Result) -> bool:
     """Whether there is an answer; says loudly where there is none, or one that is not to be trusted."""
-    found = is_found(result)
-    if not found:
-        say(f"{path} is NOT WRITTEN: no answer was found")
+    if not result.found:
+        to_stderr(f"{path} is NOT WRITTEN: no answer was found")
     elif not result.success:
-        say(f"{path} holds {what}, and T is a guess that is NOT TRUSTED")
-    return found
+        to_stderr(f"{path} holds {what}, and T is a guess that is NOT TRUSTED")
+    return result.found
 
 
 def _write_picture(path: Path, result: Result, draw: Draw | None, quietly: bool) -> None:
     if draw is None:
-        say(f"{path} is NOT WRITTEN: there is no finite point to draw")
+        to_stderr(f"{path} is NOT WRITTEN: there is no finite point to draw")
         return
     title = f"trusted, {100 * result.inlier_ratio:.0f} % inliers"
     if not result.success:

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import json
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from nonsac.cli.messages import tell
-from nonsac.cli.options import Columns, Dataset
-from nonsac.cli.rows import open_rows
+from nonsac.calls.registry import CALLS
+from nonsac.cli.messages import to_stdout
+from nonsac.cli.options import Columns, Dataset, columns_of
 
-if TYPE_CHECKING:
-    from nonsac.layouts import Columns as Layout
-
-
-class ProblemName(StrEnum):
-    """Choices of --problem."""
-
-    relative_pose = "relative-pose"
-    absolute_pose = "absolute-pose"
-    register_pairs = "register-pairs"
+ProblemName = StrEnum("ProblemName", {c.name: c.command for c in CALLS.values() if c.layout_name})  # type: ignore[misc]
 
 
 def plan(
@@ -44,19 +35,9 @@ def plan(
 ) -> None:
     """Tell what a run would read, hold and take, before any work: estimates, from the description of the data alone."""
     from nonsac.method import planning
+    from nonsac.sources.open import open_source
 
-    planned = planning.plan(
-        open_rows(file, _layout(problem), columns, dataset), samples=samples, sample_size=sample_size
-    )
-    tell(json.dumps(planned.to_dict(), indent=1) if as_json else str(planned))
-
-
-def _layout(problem: ProblemName | None) -> Layout | None:
-    from nonsac import layouts as known
-
-    layouts = {
-        ProblemName.relative_pose: known.MATCHES,
-        ProblemName.absolute_pose: known.POINTS,
-        ProblemName.register_pairs: known.PAIRS,
-    }
-    return None if problem is None else layouts[problem]
+    layout = None if problem is None else CALLS[problem.name].layout
+    source = open_source(file, layout=layout, columns=columns_of(columns), dataset=dataset)
+    planned = planning.plan(source, samples=samples, sample_size=sample_size)
+    to_stdout(json.dumps(planned.to_dict(), indent=1) if as_json else str(planned))

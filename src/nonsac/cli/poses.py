@@ -2,64 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from nonsac.calls.registry import CALLS
 from nonsac.cli.drawings import drawing_of_pair, drawing_of_points
 from nonsac.cli.inputs import (
+    Table,
     blaming,
     check_geometry,
     check_pair,
     check_points,
-    check_table,
     check_unit,
     choose_camera,
     choose_cameras,
     image_of,
-    is_hdf5,
     model_files,
-    read_pair,
     read_photo,
-    read_points,
 )
-from nonsac.cli.messages import say, wrote
+from nonsac.cli.messages import to_stderr, wrote
 from nonsac.cli.options import (
-    AnyWorkers,
+    POSE_HELPS,
     AsJson,
     Camera1,
     Camera2,
     Columns,
     Dataset,
     Inliers,
-    LastFit,
-    MaxMemory,
-    MaxSamples,
     OneCamera,
     Photo,
-    PoseNoise,
     Quiet,
-    Refine,
-    Samples,
-    SampleSizeOf3,
-    SampleSizeOf5,
-    Seed,
-    TimeLimit,
     Transform,
-    count_of,
-    workers_of,
+    takes_settings,
 )
-from nonsac.cli.outputs import Outputs, exit_code, is_found, matrix_text, show
-from nonsac.cli.rows import note_share, open_rows, opens_as_source, seen_there, some_rows
-from nonsac.cli.session import session
+from nonsac.cli.outputs import Draw, Outputs, matrix_text
+from nonsac.cli.run import Flow, Options, SomeRows, run
 
 if TYPE_CHECKING:
     from nonsac.cameras.camera import Camera
-    from nonsac.io import Matches
     from nonsac.result import Result
 
 
+@takes_settings("relative_pose", before="output", helps=POSE_HELPS)
 def relative_pose(
     file: Annotated[
         str,
@@ -80,15 +69,6 @@ def relative_pose(
     dataset: Dataset = None,
     camera1: Camera1 = None,
     camera2: Camera2 = None,
-    noise: PoseNoise = None,
-    samples: Samples = "auto",
-    sample_size: SampleSizeOf5 = "auto",
-    max_samples: MaxSamples = 100,
-    time_limit: TimeLimit = None,
-    max_memory: MaxMemory = None,
-    refine: Refine = LastFit.polish,
-    seed: Seed = 0,
-    workers: AnyWorkers = None,
     output: Transform = None,
     save_inliers: Inliers = None,
     write_geometry: Annotated[
@@ -110,6 +90,7 @@ def relative_pose(
     photo2: Photo = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
+    **settings: Any,
 ) -> None:
     """Pose of a second camera relative to a first one, from matched points of which most may be wrong.
 
@@ -117,56 +98,13 @@ def relative_pose(
 
     Points and cameras need one convention for the centres of pixels (COLMAP's is 0.5 more than OpenCV's and hloc's).
     """
-    matches, outputs = Path(file), Outputs(transform=output, inliers=save_inliers, picture=picture)
-    inputs = [("MATCHES", matches), ("SECOND", second), ("--photo1", photo1), ("--photo2", photo2)]
-    outputs.check([*inputs, ("--camera1", camera1), ("--camera2", camera2)])
-    of_images = any((second, image1, image2)) or (is_hdf5(matches) and dataset is None and columns is None)
-    is_table = not of_images and opens_as_source(file, columns, dataset)
-    check_table(is_table, columns, dataset, file)
-    images = None if is_table else check_pair(matches, second, image1, image2)
-    if write_geometry:
-        check_geometry(matches, images, (camera1, camera2))
-    with session(quiet, "samples") as progress:
-        from nonsac import io, layouts
-        from nonsac.calls import poses
-
-        source = open_rows(file, layouts.MATCHES, columns, dataset) if is_table else None
-        if source is None:
-            pair = read_pair(matches, second, images)
-        else:
-            pair = io.Matches(*some_rows(source, layouts.MATCHES, picture))
-        cameras = choose_cameras((camera1, camera2), matches, pair)
-        check_unit(pair.points1, noise, cameras[0], "--camera1")
-        photo_of_1 = read_photo("--photo1", photo1, picture, cameras[0])
-        photo_of_2 = read_photo("--photo2", photo2, picture, cameras[1])
-        given: tuple[Any, Any] = (pair.points1, pair.points2) if source is None else (source, None)
-        with blaming(matches):
-            result = poses.relative_pose(
-                *given,
-                *cameras,
-                noise=noise,
-                weights=pair.weights,
-                samples=count_of(samples),
-                sample_size=count_of(sample_size),
-                max_samples=max_samples,
-                time_limit=time_limit,
-                max_memory=max_memory,
-                refine=refine.value,
-                workers=workers_of(workers),
-                rng=seed,
-                progress=progress,
-            )
-    named = {"camera1": cameras[0], "camera2": cameras[1]}
-    what = "T, from the frame of the first camera to that of the second; the unknown length of t is set to 1"
-    show(result, _described(result, named, what), _texts(named), as_json)
-    seen = seen_there(result, source, picture)
-    outputs.write(result, drawing_of_pair(seen, pair, cameras, (photo_of_1, photo_of_2)), as_json)
-    note_share(source, picture, quiet)
-    if write_geometry and images is not None:
-        _write_geometry(matches, images, result, pair, as_json)
-    raise exit_code(result)
+    outputs = Outputs(transform=output, inliers=save_inliers, picture=picture)
+    options = Options(settings, outputs, as_json, quiet)
+    table = Table(file, second, (image1, image2), columns, dataset)
+    run(_Pair(options, table, (camera1, camera2), (photo1, photo2), write_geometry), CALLS["relative_pose"], options)
 
 
+@takes_settings("absolute_pose", before="output", helps=POSE_HELPS)
 def absolute_pose(
     file: Annotated[
         str,
@@ -182,15 +120,6 @@ def absolute_pose(
     columns: Columns = None,
     dataset: Dataset = None,
     camera: OneCamera = None,
-    noise: PoseNoise = None,
-    samples: Samples = "auto",
-    sample_size: SampleSizeOf3 = "auto",
-    max_samples: MaxSamples = 100,
-    time_limit: TimeLimit = None,
-    max_memory: MaxMemory = None,
-    refine: Refine = LastFit.polish,
-    seed: Seed = 0,
-    workers: AnyWorkers = None,
     output: Transform = None,
     save_inliers: Inliers = None,
     picture: Annotated[
@@ -200,6 +129,7 @@ def absolute_pose(
     photo: Photo = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
+    **settings: Any,
 ) -> None:
     """Pose of a camera in the world (PnP), from image points matched to 3D points, of which most may be wrong.
 
@@ -207,78 +137,125 @@ def absolute_pose(
 
     Points and camera need one convention for the centres of pixels (COLMAP's is 0.5 more than OpenCV's and hloc's).
     """
-    points, outputs = Path(file), Outputs(transform=output, inliers=save_inliers, picture=picture)
-    outputs.check([*model_files(points), ("--photo", photo), ("--camera", camera)])
-    is_table = image is None and opens_as_source(file, columns, dataset)
-    check_table(is_table, columns, dataset, file)
-    if not is_table:
-        check_points(points, image)
-    with session(quiet, "samples") as progress:
-        from nonsac import io, layouts
-        from nonsac.calls import poses
-
-        source = open_rows(file, layouts.POINTS, columns, dataset) if is_table else None
-        if source is None:
-            matches = read_points(points, image)
-        else:
-            matches = io.PointMatches(*some_rows(source, layouts.POINTS, picture))
-        chosen = choose_camera(camera, points, "camera", matches.camera)
-        check_unit(matches.points2d, noise, chosen, "--camera")
-        background = read_photo("--photo", photo, picture, chosen)
-        given: tuple[Any, Any] = (matches.points2d, matches.points3d) if source is None else (source, None)
-        with blaming(points):
-            result = poses.absolute_pose(
-                *given,
-                chosen,
-                noise=noise,
-                weights=matches.weights,
-                samples=count_of(samples),
-                sample_size=count_of(sample_size),
-                max_samples=max_samples,
-                time_limit=time_limit,
-                max_memory=max_memory,
-                refine=refine.value,
-                workers=workers_of(workers),
-                rng=seed,
-                progress=progress,
-            )
-    named = {"camera": chosen}
-    centre = (-result.R.T @ result.t).tolist() if is_found(result) else None
-    what = "T, from the world to the frame of the camera"
-    if centre is not None:
-        what += f", which is at [{', '.join(f'{x:.6g}' for x in centre)}]"
-    show(result, _described(result, named, what), {**_texts(named), "centre": centre}, as_json)
-    seen = seen_there(result, source, picture)
-    outputs.write(result, drawing_of_points(seen, matches, chosen, background), as_json)
-    note_share(source, picture, quiet)
-    raise exit_code(result)
+    outputs = Outputs(transform=output, inliers=save_inliers, picture=picture)
+    options = Options(settings, outputs, as_json, quiet)
+    run(_Points(options, Table(file, None, (image,), columns, dataset), camera, photo), CALLS["absolute_pose"], options)
 
 
-# --- what is printed ---------------------------------------------------
+@dataclass
+class _Pair(Flow):
+    options: Options
+    table: Table
+    named_cameras: tuple[str | None, str | None]
+    named_photos: tuple[Path | None, Path | None]
+    write_geometry: bool
+
+    def inputs(self) -> Iterable[tuple[str, str | Path | None]]:
+        yield from (("MATCHES", self.table.file), ("SECOND", self.table.second))
+        yield from zip(("--photo1", "--photo2"), self.named_photos, strict=True)
+        yield from zip(("--camera1", "--camera2"), self.named_cameras, strict=True)
+
+    def check(self) -> None:
+        check_pair(self.table)
+        if self.write_geometry:
+            check_geometry(self.table, self.named_cameras)
+
+    def open(self) -> tuple[Any, ...]:
+        picture = self.options.outputs.picture
+        self.opened = self.table.opened("MATCHES")
+        self.some = SomeRows(self.opened, picture)
+        self.points = self.table.parts("MATCHES", self.some.rows, len(self.some.source))
+        self.cameras = choose_cameras(self.named_cameras, self.table.file, self.opened.cameras)
+        check_unit(self.points[0], self.options.settings["noise"], self.cameras[0], "--camera1")
+        self.photos = (
+            read_photo("--photo1", self.named_photos[0], picture, self.cameras[0]),
+            read_photo("--photo2", self.named_photos[1], picture, self.cameras[1]),
+        )
+        return self.opened.source, None, *self.cameras
+
+    @contextmanager
+    def estimating(self) -> Iterator[None]:
+        with blaming(self.table.file):
+            yield
+
+    def described(self, result: Result) -> tuple[str, dict[str, Any]]:
+        named = {"camera1": self.cameras[0], "camera2": self.cameras[1]}
+        what = "T, from the frame of the first camera to that of the second; the unknown length of t is set to 1"
+        return _described(result, named, what), _texts(named)
+
+    def drawing(self, result: Result) -> Draw | None:
+        return drawing_of_pair(self.some.seen(result), *self.points, self.cameras, self.photos)
+
+    def finish(self, result: Result) -> None:
+        self.some.note_share(self.options.quiet)
+        if self.write_geometry:
+            self._write_geometry(result)
+
+    def _write_geometry(self, result: Result) -> None:
+        import numpy as np
+
+        from nonsac import io
+
+        path, images = Path(self.table.file), [image for image in self.table.images if image is not None]
+        if not result.success:
+            to_stderr(f"{path}: the two-view geometry is NOT WRITTEN: the answer is not trusted")
+            return
+        image1, image2 = map(image_of, images)
+        inliers = np.asarray(self.opened.indices)[result.inliers]
+        io.write_two_view_geometry(path, image1, image2, result.T, inliers)
+        told = f"the two-view geometry of {' and '.join(images)}, {len(inliers):,} matches"
+        wrote(path, told, self.options.as_json)
+
+
+@dataclass
+class _Points(Flow):
+    options: Options
+    table: Table
+    named_camera: str | None
+    named_photo: Path | None
+
+    def inputs(self) -> Iterable[tuple[str, str | Path | None]]:
+        yield from model_files(Path(self.table.file))
+        yield from (("--photo", self.named_photo), ("--camera", self.named_camera))
+
+    def check(self) -> None:
+        check_points(self.table)
+
+    def open(self) -> tuple[Any, ...]:
+        picture = self.options.outputs.picture
+        self.opened = self.table.opened("POINTS")
+        self.some = SomeRows(self.opened, picture)
+        self.points = self.table.parts("POINTS", self.some.rows, len(self.some.source))
+        in_file = self.opened.cameras[0] if self.opened.cameras else None
+        self.camera = choose_camera(self.named_camera, self.table.file, "camera", in_file)
+        check_unit(self.points[0], self.options.settings["noise"], self.camera, "--camera")
+        self.photo = read_photo("--photo", self.named_photo, picture, self.camera)
+        return self.opened.source, None, self.camera
+
+    @contextmanager
+    def estimating(self) -> Iterator[None]:
+        with blaming(self.table.file):
+            yield
+
+    def described(self, result: Result) -> tuple[str, dict[str, Any]]:
+        named, what = {"camera": self.camera}, "T, from the world to the frame of the camera"
+        centre = (-result.R.T @ result.t).tolist() if result.found else None
+        if centre is not None:
+            what += f", which is at [{', '.join(f'{x:.6g}' for x in centre)}]"
+        return _described(result, named, what), {**_texts(named), "centre": centre}
+
+    def drawing(self, result: Result) -> Draw | None:
+        return drawing_of_points(self.some.seen(result), *self.points, self.camera, self.photo)
+
+    def finish(self, result: Result) -> None:
+        self.some.note_share(self.options.quiet)
 
 
 def _described(result: Result, cameras: dict[str, Camera | None], what: str) -> str:
     lines = [repr(result)]
     lines += [f"{name}: {camera or 'none, the points are normalised'}" for name, camera in cameras.items()]
-    return "\n".join([*lines, f"{what}:", matrix_text(result)] if is_found(result) else lines)
+    return "\n".join([*lines, f"{what}:", matrix_text(result)] if result.found else lines)
 
 
 def _texts(cameras: dict[str, Camera | None]) -> dict[str, Any]:
     return {name: None if camera is None else str(camera) for name, camera in cameras.items()}
-
-
-# --- what is written ---------------------------------------------------
-
-
-def _write_geometry(path: Path, images: tuple[str, str], result: Result, matches: Matches, quietly: bool) -> None:
-    import numpy as np
-
-    from nonsac import io
-
-    if not result.success:
-        say(f"{path}: the two-view geometry is NOT WRITTEN: the answer is not trusted")
-        return
-    image1, image2 = map(image_of, images)
-    inliers = np.asarray(matches.indices)[result.inliers]
-    io.write_two_view_geometry(path, image1, image2, result.T, inliers)
-    wrote(path, f"the two-view geometry of {' and '.join(images)}, {len(inliers):,} matches", quietly)

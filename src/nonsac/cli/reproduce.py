@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from nonsac.cli.messages import say, tell, wrote
+from nonsac.cli.messages import to_stderr, to_stdout, wrote
 from nonsac.cli.options import Quiet, Seed, Workers
 from nonsac.cli.outputs import Outputs
 from nonsac.cli.session import session
@@ -152,7 +152,7 @@ class Files:
         if self.report is not None:
             journal = self.report.with_name(self.report.name + ".partial")
             if resume and not journal.exists():
-                say(f"nothing to resume at {journal}: starting anew")
+                to_stderr(f"nothing to resume at {journal}: starting anew")
             return journal
         if resume:
             problem = "needs --json FILE, beside which finished trials are kept"
@@ -164,7 +164,7 @@ class Files:
     ) -> None:
         text = json.dumps(report, indent=1, allow_nan=False)
         if self.to_stdout:
-            tell(text)
+            to_stdout(text)
         else:
             import rich
 

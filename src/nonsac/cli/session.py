@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from nonsac.cli.messages import say
+from nonsac.cli.messages import to_stderr
 
 Progress = Callable[[int, int], None]
 
@@ -17,7 +17,7 @@ def session(quiet: bool, unit: str) -> Iterator[Progress]:
     """Tell of warnings, compiling and progress on stderr."""
     with warnings.catch_warnings(), compiling_noted(quiet), progress_bar(quiet, unit) as progress:
         warnings.simplefilter("default", UserWarning)
-        warnings.showwarning = lambda message, *_: say(f"warning: {message}")
+        warnings.showwarning = lambda message, *_: to_stderr(f"warning: {message}")
         yield progress
 
 
@@ -32,7 +32,7 @@ def compiling_noted(quiet: bool) -> Iterator[None]:
         def on_start(self, event: object) -> None:
             if not self.told:
                 self.told = True
-                say("compiling kernels (first run only) ...")
+                to_stderr("compiling kernels (first run only) ...")
 
         def on_end(self, event: object) -> None:
             pass

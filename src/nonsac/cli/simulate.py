@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nonsac.cli.messages import tell
+from nonsac.cli.messages import to_stdout
 from nonsac.cli.options import Quiet, Seed
 from nonsac.cli.session import session
 
 if TYPE_CHECKING:
-    from nonsac.result import Array
+    from nonsac.layouts import Array
 
 
 class SimulatedProblem(StrEnum):
@@ -95,7 +95,7 @@ def simulate(
         "T": T.tolist(),
     }
     text = json.dumps(facts, indent=1)
-    tell(text)
+    to_stdout(text)
     if truth is not None:
         _write_truth(truth, T, text)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from nonsac.cli.messages import tell
+from nonsac.cli.messages import to_stdout
 from nonsac.cli.session import session
 
 
@@ -15,7 +15,7 @@ def warmup() -> None:
         for done, task in enumerate(tasks):
             progress(done, len(tasks))
             task()
-    tell("all kernels are compiled")
+    to_stdout("all kernels are compiled")
 
 
 def _registrations() -> list[Callable[[], object]]:
@@ -27,7 +27,7 @@ def _registrations() -> list[Callable[[], object]]:
     return [
         lambda: nonsac.register_clouds(scans.source, scans.target, samples=2),
         lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01),
-        lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=None),
+        lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=None, refine="full"),
         lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, estimator=nonsac.Pcr99(order="random")),
     ]
 
@@ -43,7 +43,7 @@ def _poses() -> list[Callable[[], object]]:
     weights = np.linspace(0.1, 1.0, 300)
     return [
         lambda: nonsac.relative_pose(views.points1, views.points2, noise=0.001),
-        lambda: nonsac.relative_pose(views.points1, views.points2, noise=0.001, weights=weights),
+        lambda: nonsac.relative_pose(views.points1, views.points2, noise=0.001, weights=weights, refine="full"),
         lambda: nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001),
-        lambda: nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001, weights=weights),
+        lambda: nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001, weights=weights, refine="full"),
     ]

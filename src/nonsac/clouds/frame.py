@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nonsac.result import Array, Hypothesis, Result, homogeneous
+from nonsac.layouts import Array
+from nonsac.problems.pose import homogeneous
+from nonsac.result import Alternative, Evidence, Hypothesis, Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +42,17 @@ class CommonFrame:
         """A result in the unit and frame of the given clouds."""
         return replace(
             result,
-            T=self.to_target(result.T[:3]),
+            model=self.to_target(result.model)[:3],
             noise=result.noise * self.unit,
             threshold=result.threshold * self.unit,
             hypotheses=tuple(map(self._restored, result.hypotheses)),
-            alternatives=tuple(replace(a, T=self.to_target(a.T[:3])) for a in result.alternatives),
-            evidence=None,
+            alternatives=tuple(map(self._restored_alternative, result.alternatives)),
+            evidence=Evidence(result.evidence.problem) if result.evidence else None,
         )
+
+    def _restored_alternative(self, alternative: Alternative) -> Alternative:
+        T = self.to_target(alternative.model)
+        return replace(alternative, model=T[:3], T=T)
 
     def _restored(self, hypothesis: Hypothesis) -> Hypothesis:
         others = [self.to_target(model)[:3] for model in hypothesis.alternatives]
@@ -56,7 +62,7 @@ class CommonFrame:
             residuals=hypothesis.residuals * self.unit,
             threshold=hypothesis.threshold * self.unit,
             score=hypothesis.score * self.unit,
-            alternatives=np.stack(others) if others else hypothesis.alternatives,
+            alternatives=np.stack(others) if others else (),
         )
 
 

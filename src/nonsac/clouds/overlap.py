@@ -8,7 +8,7 @@ import numpy as np
 
 from nonsac.clouds.surfaces import NearestField, Surface
 from nonsac.kernels.nearest_field import align_to_field, keep_distinct, score_models
-from nonsac.result import Array
+from nonsac.layouts import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class Overlap:
         return np.concatenate([forward, backward])
 
     def surface_distances(self, model: Array) -> Array:
-        """Distance of both clouds' coarse points to the other's surface, infinite where they lie in none: (k + l,).
+        """Distance of both clouds' coarse points to the other's surface, infinite if they lie in none: (k + l,).
 
         In the surface are points with a neighbour within `reach`, its plane within a quarter of that, and the same
         normal up to sign and 26 degrees.

@@ -13,18 +13,21 @@ from nonsac.clouds.overlap import Overlap, distinct
 from nonsac.clouds.search import SAME_ANGLE
 from nonsac.clouds.surfaces import Surface, neighbor_count, thin_to
 from nonsac.clouds.verdict import judge_overlap
-from nonsac.method.refine import Refinement, Rows
+from nonsac.layouts import Array, Rows
+from nonsac.method.refine import Refinement, Refiner
+from nonsac.method.search import Search
+from nonsac.method.verdict import alternative
 from nonsac.problems import Registration
-from nonsac.problems.contract import Problem
 from nonsac.problems.fits import reweighted_fit
-from nonsac.result import Alternative, Array, Hypothesis, homogeneous
+from nonsac.problems.pose import homogeneous
+from nonsac.result import Hypothesis
 from nonsac.running.executors import cores
 
 _MOST_COINCIDING = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceRefiner:
+class SurfaceRefiner(Refiner):
     """Align the best distinct answers on the dense surfaces, compare how much of them coincides, finish the winner.
 
     Parameters
@@ -42,11 +45,9 @@ class SurfaceRefiner:
     target: Array
     candidates: int = 60
 
-    def refine(
-        self, problem: Problem, hypotheses: Sequence[Hypothesis], winner: int, union: Rows, threshold: float
-    ) -> Refinement:
+    def refine(self, search: Search, winner: int) -> Refinement:
         fine = dense_overlap(self.coarse)
-        models, supports = self._compared(fine, self._distinct_answers(hypotheses))
+        models, supports = self._compared(fine, self._distinct_answers(search.hypotheses))
         best = self._finished(fine, models[0], supports[0])
         distances = fine.surface_distances(best)
         inside = np.isfinite(distances)
@@ -62,7 +63,7 @@ class SurfaceRefiner:
             num_inliers=len(distances),
             num_rows=total,
             alternatives=tuple(
-                Alternative(homogeneous(model), float(np.isfinite(fine.surface_distances(model)).mean()))
+                alternative(search.problem, model, float(np.isfinite(fine.surface_distances(model)).mean()))
                 for model in models[1:4]
             ),
             noise=1.4826 * float(np.median(distances)) if len(distances) else float("nan"),
@@ -81,7 +82,7 @@ class SurfaceRefiner:
 
     def _distinct_answers(self, hypotheses: Sequence[Hypothesis]) -> Array:
         """The answers of all samples, those under which the coarse clouds are closest first."""
-        models = np.concatenate([np.concatenate([h.model[None], h.alternatives]) for h in hypotheses if h.found])
+        models = np.array([model for h in hypotheses if h.found for model in (h.model, *h.alternatives)])
         costs = [self.coarse.residuals(model).sum() for model in models]
         models = models[np.argsort(costs, kind="stable")]
         return models[distinct(models, SAME_ANGLE, self.coarse.reach)[: self.candidates]]
@@ -143,7 +144,7 @@ def align_coinciding(source: Array, target: Array, model: Array, rounds: int = 1
     """Align clouds that hold the same physical points, in part, by these points; other clouds stay as they are.
 
     Two scans sample a surface independently, and matching their points to each other adds the sampling to the noise.
-    But where the clouds are subsets of one, or surveyed landmarks, their common points match one to one, and are
+    But if the clouds are subsets of one, or surveyed landmarks, their common points match one to one, and are
     better evidence than any surface. They betray themselves by nearest neighbours that are nearer than independent
     sampling explains: the eight neighbours around a target point, out to d, give the chance 1 - exp(-8 (r / d)^2) of
     a point within r on a surface.
@@ -161,7 +162,7 @@ def align_coinciding(source: Array, target: Array, model: Array, rounds: int = 1
         if matched.sum() < 10:
             return model
         rows = np.hstack([source, target[nearest]])[matched]
-        aligned = reweighted_fit(registration, aligned, rows, reach, 5)
+        aligned = reweighted_fit(registration, aligned, Rows(rows), reach, 5)
         # Four standard deviations of a coordinate: the median length of a 3D Gaussian vector is 1.54 of them.
         reach = min(reach, 4.0 / 1.54 * float(np.median(distances[matched])))
     distances, nearest = tree.query(apply(aligned, source))

@@ -10,13 +10,16 @@ import numpy as np
 
 from nonsac.clouds.overlap import Overlap, distinct
 from nonsac.clouds.problem import OrientedRegistration
+from nonsac.estimators.contract import Estimator
 from nonsac.kernels.oriented_pairs import consistent_pairs
-from nonsac.problems.contract import Problem
-from nonsac.result import Array, Hypothesis
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem, solved
+from nonsac.problems.noise import Noise
+from nonsac.result import Hypothesis
 
 
 @dataclass(frozen=True)
-class OrientedPairs:
+class OrientedPairs(Estimator):
     """All pairs of a sample's rows that one rigid motion could explain become motions; the clouds decide among them.
 
     A row of all-to-all correspondences is right about once in a thousand times, so counting inlier rows says little.
@@ -54,14 +57,21 @@ class OrientedPairs:
     def with_budget(self, factor: int) -> Self:
         return replace(self, max_pairs=self.max_pairs * factor, candidates=self.candidates * factor)
 
-    def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
+    def check(self, problem: Problem) -> None:
+        self._registration(problem)
+
+    def _registration(self, problem: Problem) -> OrientedRegistration:
         if not isinstance(problem, OrientedRegistration):
             raise TypeError(f"OrientedPairs needs the problem OrientedRegistration, got {type(problem).__name__}")
-        rows = rng.permutation(rows)  # the search may end early, and must not favour one side of the cloud
-        motions = problem.solve_minimal(rows[self._pairs(problem, rows)])
+        return problem
+
+    def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
+        registration, threshold = self._registration(problem), noise.threshold
+        values = rng.permutation(rows.values)  # the search may end early, and must not favour one side of the cloud
+        motions = solved(registration, values[self._pairs(registration, values)])
         if not len(motions):
             size = len(self.overlap.source.coarse) + len(self.overlap.target.coarse)
-            return Hypothesis(np.full((3, 4), np.nan), np.full(size, np.inf), threshold)
+            return Hypothesis(problem.no_model, np.full(size, np.inf), threshold)
         best = self.overlap.best(motions, 10 * self.candidates)
         reach = self.overlap.reach
         best = best[distinct(best, 12.0, reach)[: self.candidates]]

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from nonsac.kernels.nearest_field import fill_cost, fill_nearest, nearest_distances, surface_distances
 from nonsac.kernels.planes import fit_planes
-from nonsac.result import Array
+from nonsac.layouts import Array
 
 # Smallest difference of the mean log distances of clutter and surface, a factor of two; noise alone stays below 0.55.
 _CLUTTER_GAP = 0.75
@@ -111,7 +111,7 @@ class Surface:
     def from_points(cls, points: Array, spacing: float | None = None, dense: int = 6000, coarse: int = 500) -> Surface:
         """Thin a cloud to at most about `dense` points, smooth it, and pick evenly spread coarse points.
 
-        Coarse points are one in each cube of side `spacing`, or about `coarse` where it is not given.
+        Coarse points are one in each cube of side `spacing`, or about `coarse` if it is not given.
         """
         thinned = thin_to(points, dense)
         planes = LocalPlanes.of(thinned)
@@ -183,8 +183,8 @@ def neighbor_count(points: int, most: int) -> int:
 def without_clutter(points: Array) -> Array:
     """The cloud without points scattered in space, which are much further from their neighbours than scanned ones.
 
-    The logarithms of the distances to the tenth neighbour are split in two where the groups' variance is smallest
-    (Otsu 1979). Where the two groups lie close together there is no clutter, and nothing is removed.
+    The logarithms of the distances to the tenth neighbour are split in two so that the groups' variance is smallest
+    (Otsu 1979). If the two groups lie close together there is no clutter, and nothing is removed.
     """
     distances = cKDTree(points).query(points, [min(10, len(points))], workers=-1)[0][:, 0]
     logs = np.log(np.maximum(distances, np.finfo(np.float64).tiny))
@@ -209,7 +209,7 @@ def thin(points: Array, voxel: float) -> Array:
 
 
 def thin_to(points: Array, count: int) -> Array:
-    """The cloud itself where it has no more than 1.3 `count` points, else thinned to about `count`."""
+    """The cloud itself if it has no more than 1.3 `count` points, else thinned to about `count`."""
     if len(points) <= 1.3 * count:
         return points
     return thin(points, voxel_for(points, count))

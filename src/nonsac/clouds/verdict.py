@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from nonsac.layouts import Array
 from nonsac.method.verdict import Verdict
-from nonsac.result import Array, Status
+from nonsac.result import Status
 
 _AGREEMENT = 0.75 * 8.0 / 15.0
 
@@ -16,14 +17,14 @@ def judge_overlap(
     """Do enough points of two raw clouds coincide, wherever they meet, and do clearly fewer under any other answer?
 
     *Enough.* At least 15 % of each cloud's points must lie in the other's surface: a small piece of one meets much of
-    the other by chance. Only where one lies in the other by half or more, as a part in a whole, that is enough.
+    the other by chance. Only if one lies in the other by half or more, as a part in a whole, that is enough.
 
     *Wherever they meet.* Surfaces that cross or touch come close in many more places than they coincide in. Points
     that are spread evenly over what is allowed have a mean weight of 8/15; three quarters of the points that come
     close to the other cloud must lie in it like this, or fewer that are nearer.
 
     *Clearly fewer.* The best clearly different answer must have less than 0.85 of the support; less is allowed below a
-    share of 0.22, where even unrelated clouds may meet.
+    share of 0.22, at which even unrelated clouds may meet.
 
     The confidence is the lesser one of the latter two, 0.5 at either bound. The bounds lie between right and wrong
     answers on real scans (`docs/verdict.md`).
@@ -54,7 +55,7 @@ def judge_overlap(
 
 
 def _certainty_of_lead(lesser: float, greater: float, power: int) -> float:
-    """How certainly one is less than the other: 1 where it is nothing to it, 0.5 where they are equal."""
+    """How certainly one is less than the other: 1 if it is nothing to it, 0.5 if they are equal."""
     if lesser <= greater:
         return 1.0 - 0.5 * (lesser / greater) ** power
     return 0.5 * (greater / lesser) ** power

@@ -2,29 +2,72 @@
 
 from __future__ import annotations
 
-from typing import Protocol, Self, runtime_checkable
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nonsac.problems.contract import Problem
+from nonsac.layouts import Rows
+from nonsac.problems.contract import ContractBroken, Problem
+from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
 
 
-@runtime_checkable
-class Estimator(Protocol):
-    """Finds a model in one sample of rows (N, D). It travels to workers, so it must pickle.
+class Estimator(ABC):
+    """Finds one model in one non-minimal sample; derive a class from it to add a core estimator.
 
-    It may have a further method, `search_jointly(problem, hypotheses, rows, threshold, rng) -> Hypothesis`: one more
-    search where the findings in several samples meet, given all their rows.
+    `estimate` is needed; everything else has a default. An estimator travels to workers, so it must pickle.
     """
 
-    def estimate(
-        self, problem: Problem, rows: NDArray[np.float64], threshold: float, rng: np.random.Generator
-    ) -> Hypothesis:
-        """The best model of the sample; a hypothesis whose model is NaN where there is none."""
-        ...
+    @abstractmethod
+    def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
+        """The best model of a sample of usable rows.
+
+        Parameters
+        ----------
+        problem : Problem
+        rows : Rows
+            N rows, of which few may be inliers; none is NaN, and no weight is 0.
+        noise : Noise
+        rng : numpy Generator
+            The only source of randomness, so that the same input gives the same answer.
+
+        Returns
+        -------
+        Hypothesis
+            Its model is NaN (`problem.no_model`) if there is none, and `tested` None if it is not known. An exception
+            costs this sample only: it is kept in `Hypothesis.fault`, and the result says so.
+        """
+
+    def check(self, problem: Problem) -> None:
+        """Raise TypeError or ValueError if this estimator cannot work on the problem; by default it can."""
+        return None
 
     def with_budget(self, factor: int) -> Self:
-        """The same estimator allowed to work `factor` times as much on one sample."""
-        ...
+        """The same estimator allowed to work `factor` times as much on one sample; by default it has one budget."""
+        return self
+
+    def search_jointly(
+        self,
+        problem: Problem,
+        hypotheses: Sequence[Hypothesis],
+        rows: Rows,
+        noise: Noise,
+        rng: np.random.Generator,
+    ) -> Hypothesis | None:
+        """One more search after the samples, where their findings meet, given all their rows; by default none."""
+        return None
+
+
+def checked_hypothesis(hypothesis: object, problem: Problem, estimator: Estimator) -> Hypothesis:
+    """What an estimator gave, if it is what its contract says."""
+    name, shape = type(estimator).__name__, tuple(problem.model_shape)
+    if not isinstance(hypothesis, Hypothesis):
+        raise ContractBroken(f"{name}.estimate must give a nonsac.Hypothesis, got {type(hypothesis).__name__}")
+    if np.shape(hypothesis.model) != shape:
+        raise ContractBroken(
+            f"{name}.estimate gave a model of the shape {np.shape(hypothesis.model)}; "
+            f"{type(problem).__name__} has models of the shape {shape}"
+        )
+    return hypothesis

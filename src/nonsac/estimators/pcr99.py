@@ -9,17 +9,20 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.estimators.contract import Estimator
 from nonsac.kernels.consistency import (
     count_consistent_distances,
     count_consistent_ratios,
     ranked_triplets,
     screened_triplets,
+    sum_consistent_ratios,
 )
-from nonsac.problems import Registration, Weighted
-from nonsac.problems.contract import Problem
-from nonsac.problems.fits import inlier_fit, reweighted_fit, row_weights
-from nonsac.problems.registration import centre
-from nonsac.result import Array, Hypothesis
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem, solved
+from nonsac.problems.fits import inlier_fit, reweighted_fit
+from nonsac.problems.noise import Noise
+from nonsac.problems.registration import Registration, centre
+from nonsac.result import Hypothesis
 
 _BATCH = 1000
 _PROMISING = 10  # one in so many rows goes on to a joint search
@@ -29,7 +32,7 @@ Triplets = Iterator[tuple[NDArray[np.int64], int]]
 
 
 @dataclass(frozen=True)
-class Pcr99:
+class Pcr99(Estimator):
     """PCR-99 (Lee, Civera and Vandewalle, "PCR-99: a practical method for point cloud registration with 99 percent
     outliers", 2024) and the variants of it in the NONSAC paper, as settings of one class.
 
@@ -55,6 +58,9 @@ class Pcr99:
         which gives near rows more weight than those at the threshold; "once" stops there, as published.
     min_valid, max_valid, max_drawn : int
         Consistent triplets below which the search does not stop, at which it stops, and triplets drawn in all.
+    rank : "count" or "sum"
+        What a row is ranked by: the number of rows that it is consistent with, as the NONSAC paper's variants do; or,
+        with compare="log_ratio", the sum of the truncated differences of its log ratios, as PCR-99's authors do.
     """
 
     compare: Literal["log_ratio", "distance"] = "log_ratio"
@@ -65,12 +71,17 @@ class Pcr99:
     min_valid: int = 0
     max_valid: int = 100_000
     max_drawn: int = 10_000_000
+    rank: Literal["count", "sum"] = "count"
 
     def __post_init__(self) -> None:
         if self.compare not in ("log_ratio", "distance"):
             raise ValueError(f'compare must be "log_ratio" or "distance", got {self.compare!r}')
         if self.order not in ("ranked", "random"):
             raise ValueError(f'order must be "ranked" or "random", got {self.order!r}')
+        if self.rank not in ("count", "sum"):
+            raise ValueError(f'rank must be "count" or "sum", got {self.rank!r}')
+        if self.rank == "sum" and self.compare == "distance":
+            raise ValueError('rank="sum" adds up differences of log ratios; use compare="log_ratio"')
         if self.refit not in ("weighted", "once"):
             raise ValueError(f'refit must be "weighted" or "once", got {self.refit!r}')
         if not self.tolerance > 0:
@@ -96,86 +107,90 @@ class Pcr99:
         """As in the paper's footnote: more triplets are drawn, but no more consistent ones are asked for."""
         return replace(self, max_drawn=self.max_drawn * factor)
 
-    def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
-        weights = row_weights(problem, rows)
-        registration = problem.problem if isinstance(problem, Weighted) else problem
-        if not isinstance(registration, Registration):
-            raise TypeError(f"Pcr99 estimates 3D registrations only, got {type(registration).__name__}")
-        if self.compare == "distance" and registration.scale is None:
+    def check(self, problem: Problem) -> None:
+        self._registration(problem)
+
+    def _registration(self, problem: Problem) -> Registration:
+        if not isinstance(problem, Registration):
+            raise TypeError(f"Pcr99 estimates 3D registrations only, got {type(problem).__name__}")
+        if self.compare == "distance" and problem.scale is None:
             raise ValueError('Pcr99 with compare="distance" needs a known scale; use compare="log_ratio"')
-        points = rows[:, : registration.width]
+        return problem
+
+    def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
+        registration, threshold, weights = self._registration(problem), noise.threshold, rows.mean_weights
         # In units of the threshold, so that single precision serves any unit.
-        columns = np.ascontiguousarray((points - centre(points)).T / threshold)
-        promise = None if self.order == "random" else self._consistent_counts(columns, registration).astype(np.float64)
-        if promise is not None and weights is not None:
-            promise *= weights
-        triplets = self._triplets(registration, columns, promise, rng)
-        hypothesis = self._found(problem, rows, threshold, *self._search(problem, rows, threshold, triplets))
-        if promise is None:
+        columns = np.ascontiguousarray((rows.values - centre(rows.values)).T / threshold)
+        ranks = None if self.order == "random" else self._rank_scores(columns, registration)
+        if ranks is not None and weights is not None:
+            ranks *= weights
+        triplets = self._triplets(registration, columns, ranks, rng)
+        hypothesis = self._found(registration, rows, threshold, *self._search(registration, rows, threshold, triplets))
+        if ranks is None:
             return hypothesis
-        first = np.argsort(-promise, kind="stable")[: max(3, len(rows) // _PROMISING)]
-        return replace(hypothesis, promising=rows[first], promise=promise[first])
+        first = np.argsort(-ranks, kind="stable")[: max(3, len(rows) // _PROMISING)]
+        return replace(hypothesis, promising=rows[first], rank_scores=ranks[first])
 
     def search_jointly(
         self,
         problem: Problem,
         hypotheses: Sequence[Hypothesis],
-        rows: Array,
-        threshold: float,
+        rows: Rows,
+        noise: Noise,
         rng: np.random.Generator,
-    ) -> Hypothesis:
+    ) -> Hypothesis | None:
         """The best model of the rows that are consistent with the most others in their samples, as many as in one.
 
         A sample with too few right rows still ranks them higher than most others.
         """
-        promise = np.concatenate([h.promise for h in hypotheses])
-        if not len(promise):
-            return replace(hypotheses[0], model=np.full((3, 4), np.nan), tested=0)
-        promising = np.concatenate([h.promising for h in hypotheses if len(h.promise)])
+        ranked = [(h.promising, h.rank_scores) for h in hypotheses if h.promising is not None]
+        if not ranked:
+            return None
+        scores = np.concatenate([scores for _, scores in ranked])
         size = max(len(h.residuals) for h in hypotheses)
-        pool = promising[np.argsort(-promise, kind="stable")[:size]]
+        pool = Rows.joined([promising for promising, _ in ranked])[np.argsort(-scores, kind="stable")[:size]]
         thorough = replace(self, max_valid=3 * self.max_valid, max_drawn=3 * self.max_drawn)
-        return thorough.estimate(problem, pool, threshold, rng)
+        return thorough.estimate(problem, pool, noise, rng)
 
-    def _found(self, problem: Problem, rows: Array, threshold: float, model: Array, tested: int) -> Hypothesis:
+    def _found(self, problem: Problem, rows: Rows, threshold: float, model: Array, tested: int) -> Hypothesis:
         """The hypothesis after a fit to the rows near a model."""
         if not np.isfinite(model).all():
             return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
         model = inlier_fit(problem, model, rows, threshold)
         if self.refit == "weighted":
             model = reweighted_fit(problem, model, rows, threshold, 10)
-        return Hypothesis(model, problem.residuals(model, rows)[0], threshold, tested=tested)
+        return Hypothesis(model, problem.residuals(model[None], rows.values)[0], threshold, tested=tested)
 
-    def _search(self, problem: Problem, rows: Array, threshold: float, batches: Triplets) -> tuple[Array, int]:
+    def _search(self, problem: Problem, rows: Rows, threshold: float, batches: Triplets) -> tuple[Array, int]:
         """The model with the most inliers, and how many triplets were looked at.
 
         Those that are not consistent count, too: a model was chosen over them.
         """
-        best_model, best_count, valid, looked_at = np.full((3, 4), np.nan), 0, 0, 0
+        best_model, best_count, valid, looked_at = problem.no_model, 0, 0, 0
         for triplets, drawn in batches:
-            models = problem.solve_minimal(rows[triplets])
+            models = solved(problem, rows.values[triplets])
             if len(models):
-                counts = problem.count_inliers(models, rows, threshold)
+                counts = problem.count_inliers(models, rows.values, threshold, rows.mean_weights)
                 first = int(np.argmax(counts))
                 if counts[first] > best_count:
-                    best_model, best_count = models[first], int(counts[first])
+                    best_model, best_count = models[first], counts[first]
             valid, looked_at = valid + len(triplets), looked_at + drawn
-            if valid >= self.max_valid or (valid >= self.min_valid and self._enough(best_count, len(rows))):
+            if valid >= self.max_valid or (valid >= self.min_valid and self._enough(float(best_count), len(rows))):
                 break
         return best_model, looked_at
 
-    def _enough(self, inliers: int, rows: int) -> bool:
+    def _enough(self, inliers: float, rows: int) -> bool:
         return self.enough_inliers is not None and inliers >= max(9, self.enough_inliers * rows)
 
     def _triplets(
-        self, problem: Registration, columns: Array, promise: Array | None, rng: np.random.Generator
+        self, problem: Registration, columns: Array, ranks: Array | None, rng: np.random.Generator
     ) -> Triplets:
         """Batches of consistent triplets of row numbers, (T, 3) each, in the order in which they are drawn."""
         screen = (self.compare == "log_ratio", problem.scale is not None, problem.scale or 1.0, self.tolerance)
-        if promise is None:
+        if ranks is None:
             yield from self._random_triplets(columns, screen, rng)
             return
-        ranked = np.argsort(-promise, kind="stable")
+        ranked = np.argsort(-ranks, kind="stable")
         columns = np.ascontiguousarray(columns[:, ranked])
         state = np.array([3, 0, 1, 0], np.int64)
         while True:
@@ -199,9 +214,13 @@ class Pcr99:
             for start in range(0, max(count, 1), _BATCH):
                 yield found[start : min(start + _BATCH, count)], len(batch) if start == 0 else 0
 
-    def _consistent_counts(self, columns: Array, problem: Registration) -> NDArray[np.int32]:
-        """With how many others each row is consistent."""
+    def _rank_scores(self, columns: Array, problem: Registration) -> Array:
+        """With how many others each row is consistent, or by how much."""
         scale = problem.scale or 1.0
+        if self.rank == "sum":
+            sums = np.empty(columns.shape[1])
+            sum_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, sums)
+            return sums
         counts = np.empty(columns.shape[1], np.int32)
         if self.compare == "distance":
             shared = columns.astype(np.float32)
@@ -209,4 +228,4 @@ class Pcr99:
             count_consistent_distances(shared, np.float32(self.tolerance), counts)
         else:
             count_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, counts)
-        return counts
+        return counts.astype(np.float64)

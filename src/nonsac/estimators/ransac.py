@@ -10,10 +10,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.estimators.contract import Estimator
 from nonsac.kernels.minimal_samples import distinct_rows, gather_rows
-from nonsac.problems.contract import Problem
-from nonsac.problems.fits import biweight_costs, reweighted_fit, row_weights
-from nonsac.result import Array, Hypothesis
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem, solved
+from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
+from nonsac.problems.noise import Noise
+from nonsac.result import Hypothesis
 
 _FIRST_BATCH, _LARGEST_BATCH = 64, 2048
 _COMPARED = 5
@@ -21,7 +24,7 @@ _INNER = 300
 
 
 @dataclass(frozen=True)
-class Ransac:
+class Ransac(Estimator):
     """Random sample consensus (Fischler and Bolles 1981) for any problem.
 
     As it stands, the standard loop of the paper: a fixed number of minimal samples, the model with the most inliers
@@ -30,14 +33,14 @@ class Ransac:
     Parameters
     ----------
     iterations : int
-        Minimal samples; at most so many where `confidence` is given.
+        Minimal samples; at most so many if `confidence` is given.
     confidence : float or None
         Stop once a minimal sample of inliers only has been drawn with this probability, going by the most inliers seen
         so far. None never stops early.
     local_optimisation : bool
         Improve every new best model by a robust fit to the rows near it, and keep what has the least biweight
         cost (LO-RANSAC, Chum, Matas and Kittler 2003). Of the models with the most inliers the one with the least cost
-        is the best: where nearly every model has nearly all inliers, their number tells little.
+        is the best: if nearly every model has nearly all inliers, their number tells little.
     least_iterations : int
         Minimal samples before `confidence` may end the loop.
     """
@@ -58,16 +61,16 @@ class Ransac:
         if not isinstance(self.confidence, Real) or not 0.0 < self.confidence < 1.0:
             raise ValueError(f"confidence must be None or between 0 and 1, got {self.confidence!r}")
 
-    def estimate(self, problem: Problem, rows: Array, threshold: float, rng: np.random.Generator) -> Hypothesis:
-        weights = row_weights(problem, rows)
+    def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
+        threshold, weights = noise.threshold, rows.mean_weights
         total = len(rows) if weights is None else weights.sum()
-        model, cost, support, tested = np.full((3, 4), np.nan), np.inf, 0.0, 0
+        model, cost, support, tested = problem.no_model, np.inf, 0.0, 0
         highest = -np.inf if self.local_optimisation else 0.0
         drawn, needed, batch = 0, self.iterations if len(rows) >= problem.minimal_size else 0, _FIRST_BATCH
         while drawn < needed:
             size = min(batch, needed - drawn)
             numbers = minimal_samples(len(rows), problem.minimal_size, size, rng, weights)
-            models = problem.solve_minimal(_gathered(rows, numbers))
+            models = solved(problem, _gathered(rows.values, numbers))
             drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
             if not len(models):
                 continue
@@ -82,16 +85,16 @@ class Ransac:
                     continue
             model = candidate
             if self.confidence is not None:
-                support = max(support, float(problem.count_inliers(model[None], rows, threshold)[0]))
+                support = max(support, float(problem.count_inliers(model[None], rows.values, threshold, weights)[0]))
                 trials = trials_needed(support / total, problem.minimal_size, self.confidence)
                 needed = min(needed, max(trials, self.least_iterations))
         if not np.isfinite(model).all():
             return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
-        return Hypothesis(model, problem.residuals(model[None], rows)[0], threshold, tested=tested)
+        return Hypothesis(model, problem.residuals(model[None], rows.values)[0], threshold, tested=tested)
 
-    def _best(self, problem: Problem, models: Array, rows: Array, threshold: float) -> tuple[Array, float]:
+    def _best(self, problem: Problem, models: Array, rows: Rows, threshold: float) -> tuple[Array, float]:
         """The best of some models, and its score: the number of inliers, or less the cost."""
-        counts = problem.count_inliers(models, rows, threshold)
+        counts = problem.count_inliers(models, rows.values, threshold, rows.mean_weights)
         if not self.local_optimisation:
             best = int(np.argmax(counts))
             return models[best], float(counts[best])
@@ -107,49 +110,40 @@ class Ransac:
         self,
         problem: Problem,
         hypotheses: Sequence[Hypothesis],
-        rows: Array,
-        threshold: float,
+        rows: Rows,
+        noise: Noise,
         rng: np.random.Generator,
-    ) -> Hypothesis:
+    ) -> Hypothesis | None:
         """The best model of minimal samples among the inliers of the best hypotheses (inner RANSAC, Chum et al. 2003).
 
         A hypothesis that is right in part has a larger share of right rows among its inliers, over all samples.
         """
+        threshold = noise.threshold
         models = np.stack([h.model for h in hypotheses if h.found])
         costs = biweight_costs(problem, models, rows, threshold)
         best, cost, tested = models[0], np.inf, 0
         for model in models[np.argsort(costs, kind="stable")[:_COMPARED]]:
-            inliers = rows[problem.residuals(model[None], rows)[0] < threshold]
+            inliers = rows[problem.residuals(model[None], rows.values)[0] < threshold]
             if len(inliers) <= problem.minimal_size:
                 continue
-            numbers = minimal_samples(len(inliers), problem.minimal_size, _INNER, rng, row_weights(problem, inliers))
-            found = problem.solve_minimal(_gathered(inliers, numbers))
+            numbers = minimal_samples(len(inliers), problem.minimal_size, _INNER, rng, inliers.mean_weights)
+            found = solved(problem, _gathered(inliers.values, numbers))
             if not len(found):
                 continue
             tested += len(found)
-            counts = problem.count_inliers(found, rows, threshold)
+            counts = problem.count_inliers(found, rows.values, threshold, rows.mean_weights)
             first = found[np.argsort(-counts, kind="stable")[:_COMPARED]]
             costs = biweight_costs(problem, first, rows, threshold)
             if costs.min() < cost:
                 best, cost = first[int(np.argmin(costs))], float(costs.min())
-        return Hypothesis(best, problem.residuals(best[None], rows)[0], threshold, tested=tested)
+        return Hypothesis(best, problem.residuals(best[None], rows.values)[0], threshold, tested=tested)
 
-    def _optimised(self, problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
+    def _optimised(self, problem: Problem, model: Array, rows: Rows, threshold: float) -> Array:
         """The model after a fit to all rows near it, first from twice as far."""
         wide = reweighted_fit(problem, model, rows, 2.0 * threshold, 5)
         fitted = reweighted_fit(problem, wide, rows, threshold, 10)
         both = np.stack([model, fitted])
         return both[int(np.argmin(biweight_costs(problem, both, rows, threshold)))]
-
-
-def trials_needed(inlier_ratio: float, size: int, confidence: float) -> int:
-    """Minimal samples until one holds inliers only, with this confidence (Hartley and Zisserman, Sec. 4.7.1)."""
-    chance = min(inlier_ratio, 1.0) ** size
-    if chance >= 1.0:
-        return 1
-    if chance < 1e-15:
-        return 2**62
-    return max(1, int(np.ceil(np.log(1.0 - confidence) / np.log1p(-chance))))
 
 
 def minimal_samples(

@@ -54,8 +54,8 @@ def count_consistent_distances(columns, tolerance, counts):
 def count_consistent_ratios(columns, known, log_scale, tolerance, counts):
     """For each row, with how many other rows it agrees on the log ratio ln(|b_i - b_j| / |a_i - a_j|).
 
-    Where the scale is known, the ratios within `tolerance` of `log_scale` count. Where it is not, each row takes
-    the scale that most of its ratios share: the fullest window of width 2 `tolerance` in the row's own histogram.
+    If the scale is known, the ratios within `tolerance` of `log_scale` count. If it is not, each row takes the
+    scale that most of its ratios share: the fullest window of width 2 `tolerance` in the row's own histogram.
     """
     n = columns.shape[1]
     half_range = 4.0  # ratios beyond e^4 = 55 are never consistent
@@ -81,6 +81,37 @@ def count_consistent_ratios(columns, known, log_scale, tolerance, counts):
             for k in range(1, bins):
                 own = max(own, histogram[k - 1] + histogram[k])
         counts[i] = own
+
+
+@kernel
+def sum_consistent_ratios(columns, known, log_scale, tolerance, sums):
+    """For each row, by how much its log ratios agree: the sum of max(0, tolerance - |ratio - log scale|).
+
+    That is the sum of truncated differences min(|ratio - log scale|, tolerance), turned round. If the scale is not
+    known, each row takes the middle of the fullest window of its own histogram, as in `count_consistent_ratios`.
+    """
+    n = columns.shape[1]
+    half_range = 4.0
+    bins = int(2.0 * half_range / tolerance) + 1
+    histogram = np.empty(bins, np.int32)
+    ratios = np.empty(n)
+    for i in range(n):
+        histogram[:] = 0
+        for j in range(n):
+            a, b = _distances(columns, i, j)
+            ratios[j] = np.log(b / a) if a > 0.0 and b > 0.0 else np.inf
+            if abs(ratios[j]) < half_range:
+                histogram[int((ratios[j] + half_range) / tolerance)] += 1
+        middle, fullest = log_scale, 0
+        if not known:
+            for k in range(1, bins):
+                if histogram[k - 1] + histogram[k] > fullest:
+                    fullest = histogram[k - 1] + histogram[k]
+                    middle = k * tolerance - half_range
+        total = 0.0
+        for j in range(n):
+            total += max(0.0, tolerance - abs(ratios[j] - middle))
+        sums[i] = total
 
 
 @kernel

@@ -366,12 +366,12 @@ def _longer(a0, a1, a2, b0, b1, b2):
 def poses_in_front(essentials, matches, poses, sides):
     """The pose [R | t], row by row, of each essential matrix that may have all matches in front of both cameras.
 
-    `sides` receives 1 where it has them, -1 where it has them after t is turned around, and 0 where it has not.
+    `sides` receives 1 if it has them, -1 if it has them after t is turned around, and 0 if it has not.
 
     In closed form, after Horn, "Recovering baseline and orientation from essential matrix", 1990: with E = s [t]x R
     and b = R^T t, the cofactors of E are s^2 t b^T, and R = t b^T - [t]x E / s. The other rotation that goes with E
     has a plus there. Which one is told by x2^T ([t]x E / s) x1 = -(t x x2) . (t x R x1), since t x x2 and t x R x1
-    point the same way where depths are positive. From d2 x2 = d1 R x1 + t follow d1 = -(t x x2) . n / |n|^2 and
+    point the same way if depths are positive. From d2 x2 = d1 R x1 + t follow d1 = -(t x x2) . n / |n|^2 and
     d2 = -(t x R x1) . n / |n|^2 with n = R x1 x x2; their numerators are written in terms of p = t . R x1 = b . x1,
     q = t . x2 and r = R x1 . x2.
     """
@@ -421,7 +421,7 @@ def poses_in_front(essentials, matches, poses, sides):
 
 @kernel
 def _larger(a, b):
-    """The larger one; NaN where b is NaN."""
+    """The larger one; NaN if b is NaN."""
     return a if a > b else b
 
 
@@ -449,7 +449,7 @@ def gather_pose(poses, side, lane, model):
 def polish(sample, system, model):
     """Gauss-Newton steps on a pose until it fulfils the five epipolar equations.
 
-    Returns False where it does not get there, or where not all points are in front of both cameras then.
+    Returns False if it does not get there, or if not all points are in front of both cameras then.
 
     The pose moves on its manifold: R by a rotation vector from the left, t in its tangent plane. `system` (5, 6) is
     overwritten.

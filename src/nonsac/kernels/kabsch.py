@@ -37,20 +37,20 @@ def fit_similarity(rows, weights, free_scale, fixed_scale, model):
     """Weighted least-squares similarity between the two halves of `rows`.
 
     Minimises sum_i w_i |b_i - s R a_i - t|^2 with Horn's unit quaternion (Horn 1987), where row i is (a_i, b_i).
-    The scale is Umeyama's least-squares one (1991) where it is free.
+    The scale is Umeyama's least-squares one (1991) if it is free.
 
     Parameters
     ----------
     rows : (N, 6) float64
     weights : (N,) float64, not negative
     free_scale : bool
-    fixed_scale : float, used where the scale is not free
+    fixed_scale : float, used if the scale is not free
     model : (3, 4) float64, receives [s R | t]
 
     Returns
     -------
     bool
-        False where the rows do not determine the rotation (fewer than three distinct points, or collinear ones).
+        False if the rows do not determine the rotation (fewer than three distinct points, or collinear ones).
     """
     n = rows.shape[0]
     total = 0.0

@@ -1,7 +1,7 @@
 """A grid that knows the nearest point of a cloud, so that thousands of poses a millisecond can be scored against it.
 
 The grid covers the cloud's bounding box and a margin of `reach`. `nearest` (X, Y, Z) int32 holds the number of the
-point nearest to each cell's centre, -1 where none is within `reach`; `cost` (X, Y, Z) uint8 that distance as a
+point nearest to each cell's centre, -1 if none is within `reach`; `cost` (X, Y, Z) uint8 that distance as a
 share of `reach`, 0 to 255. A position x falls into the cell floor((x - corner) * cells_per_unit).
 """
 
@@ -83,7 +83,7 @@ def score_models(models, points, corner, cells_per_unit, cost, scores):
         t1 = np.float32((model[1, 3] - corner[1]) * cells_per_unit)
         t2 = np.float32((model[2, 3] - corner[2]) * cells_per_unit)
         for i in range(cells.shape[0]):
-            # Truncation equals floor where it matters: what is negative lies outside, or in the margin.
+            # Truncation equals floor if it matters: what is negative lies outside, or in the margin.
             u = np.int32(r00 * xs[i] + r01 * ys[i] + r02 * zs[i] + t0)
             v = np.int32(r10 * xs[i] + r11 * ys[i] + r12 * zs[i] + t1)
             w = np.int32(r20 * xs[i] + r21 * ys[i] + r22 * zs[i] + t2)
@@ -123,7 +123,7 @@ def nearest_distances(model, points, field_points, corner, cells_per_unit, reach
 
 @kernel
 def _solve_spd(matrix, vector):
-    """Solve a symmetric positive definite 6x6 system in place by Cholesky; False where it is not definite."""
+    """Solve a symmetric positive definite 6x6 system in place by Cholesky; False if it is not definite."""
     n = vector.shape[0]
     for j in range(n):
         for k in range(j):
@@ -255,7 +255,7 @@ def surface_distances(
 ):
     """Distance of each moved point to the cloud's surface, infinite for points that do not lie *in* it: (n,).
 
-    A point lies in the surface where its nearest point is within `reach`, that point's tangent plane within `flat`,
+    A point lies in the surface if its nearest point is within `reach`, that point's tangent plane within `flat`,
     and the two normals agree up to sign (absolute cosine above `cosine`).
     """
     for i in range(points.shape[0]):
@@ -284,7 +284,7 @@ def surface_distances(
 def keep_distinct(models, squared_chord, squared_distance, kept):
     """Numbers of the models (M, 3, 4) that differ from all kept before them; returns how many `kept` (M,) holds.
 
-    Two models are the same answer where the squared Frobenius distance of their rotations is below `squared_chord`
+    Two models are the same answer if the squared Frobenius distance of their rotations is below `squared_chord`
     and that of their translations below `squared_distance`.
     """
     count = 0

@@ -129,7 +129,7 @@ def motions_of_pairs(samples, angle, models):
     """Rigid motions (M, 3, 4) of B samples of two oriented rows (B, 2, 12); returns M, at most the room in `models`.
 
     The chord and the normals' parts across it give a frame in each cloud. The signs of the normals in the second
-    cloud are those that agree with the first within `angle`; where several do, there are several motions, four at
+    cloud are those that agree with the first within `angle`; if several do, there are several motions, four at
     most.
     """
     count = 0
@@ -152,7 +152,7 @@ def motions_of_pairs(samples, angle, models):
         length = np.sqrt(length)
         if not length > 0.0:
             continue
-        # Add the two normals' parts across the chord where they point the same way, else subtract them.
+        # Add the two normals' parts across the chord if they point the same way, else subtract them.
         same_way = 1.0 if between_a - along_a1 * along_a2 / (length * length) >= 0.0 else -1.0
         if not _pair_frame(first[0:3], second[0:3], first[3:6], second[3:6], 1.0, same_way, frame_a):
             continue

@@ -129,7 +129,7 @@ def find_depths(sample, rays, depths):
 
 @kernel
 def _line_spread(d0, d1, d2, d3, d4, d5):
-    """How far apart the two lines of a degenerate conic are: 0 where they are not real."""
+    """How far apart the two lines of a degenerate conic are: 0 if they are not real."""
     return max(0.0, d1 * d1 - d0 * d2, d3 * d3 - d0 * d5, d4 * d4 - d2 * d5)
 
 

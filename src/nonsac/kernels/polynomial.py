@@ -61,7 +61,7 @@ def real_roots(polynomials, work, roots, found):
     ----------
     polynomials : (11 * LANES,) float64, highest power first
     work : RootWork
-    roots : (10 * LANES,) float64, NaN where a lane has no more roots
+    roots : (10 * LANES,) float64, NaN if a lane has no more roots
     found : (LANES,) int64
         Receives the number of roots of each lane. It is 0 for a polynomial that is not finite or not of degree ten, or
         in whose Sturm chain a degree is missing, such as x^10 - 1.
@@ -101,7 +101,7 @@ def sturm_chains(polynomials, remainders, chains):
     polynomials : (11 * LANES,) float64, highest power first
     remainders : (2, 11 * LANES) float64, overwritten
     chains : (31 * LANES,) float64
-        Receives a_0, b_0, c_0, a_1 ... c_9 and the constant f_10, which is NaN where a degree is missing.
+        Receives a_0, b_0, c_0, a_1 ... c_9 and the constant f_10, which is NaN if a degree is missing.
     """
     upper, lower = remainders[0], remainders[1]
     for i in range(11):

@@ -40,7 +40,7 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
     Returns
     -------
     bool
-        False where the weighted rows do not determine a pose; `model` is then where the search got stuck.
+        False if the weighted rows do not determine a pose; `model` is then where the search got stuck.
     """
     size = 5 if columns.shape[0] == 4 else 6
     system, hessian, gradient = np.empty((size, size + 1)), np.empty((size, size)), np.empty(size)

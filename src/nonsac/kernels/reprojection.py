@@ -30,7 +30,7 @@ def reprojection_equations(columns, weights, curvatures, focal, model, hessian, 
 def reprojection_row(model, focal, u, v, x, y, z):
     """Where a pose sees a point, less where it was seen, and what their derivatives are made of.
 
-    Returns the two residuals, the inverse depth (0 where the point is not in front), and the moved point less t.
+    Returns the two residuals, the inverse depth (0 if the point is not in front), and the moved point less t.
     """
     a = model[0, 0] * x + model[0, 1] * y + model[0, 2] * z
     b = model[1, 0] * x + model[1, 1] * y + model[1, 2] * z

@@ -34,7 +34,7 @@ def epipolar_residuals(geometries, columns, residuals):
     """Distances of matches `columns` (4, N) from M epipolar geometries (M, 8, 3), into (M, N).
 
     Sampson's first-order distance; for a match whose rays meet behind a camera, the angle between its rays, as a
-    distance in the image: the nearest match that fits is a point at infinity. Infinite where both points lie at the
+    distance in the image: the nearest match that fits is a point at infinity. Infinite if both points lie at the
     epipoles: such a match fits everything, so it speaks for nothing.
     """
     x, y, u, v = columns[0], columns[1], columns[2], columns[3]
@@ -113,7 +113,7 @@ def sampson_equations(columns, weights, curvatures, directions, hessian, gradien
 def essential_directions(model, focals, directions):
     """E = [t]x R and its derivatives with respect to the five parameters: six matrices (6, 3, 3).
 
-    For image coordinates of length `focals` where they were 1.
+    For image coordinates of length `focals` that had length 1.
     """
     t0, t1, t2 = model[0, 3], model[1, 3], model[2, 3]
     b0, b1, b2, c0, c1, c2 = tangents(t0, t1, t2)
@@ -163,7 +163,7 @@ def sampson_row(d, x, y, u, v):
 
 @kernel
 def _sampson_slope(d, scale, a, b, c, e, x, y, u, v):
-    """Derivative of product / sqrt(a^2 + b^2 + c^2 + e^2) where E changes by d; a to e come times residual / square."""
+    """Derivative of product / sqrt(a^2 + b^2 + c^2 + e^2) if E changes by d; a to e come times residual / square."""
     da, db = d[0, 0] * x + d[0, 1] * y + d[0, 2], d[1, 0] * x + d[1, 1] * y + d[1, 2]
     dc, de = d[0, 0] * u + d[1, 0] * v + d[2, 0], d[0, 1] * u + d[1, 1] * v + d[2, 1]
     product = u * da + v * db + d[2, 0] * x + d[2, 1] * y + d[2, 2]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri, xlogy
 
-from nonsac.estimators.contract import Estimator
-from nonsac.method.verdict import Residuals, chance_rate, paired_at_random
-from nonsac.problems.contract import Problem, residual_dimension
-from nonsac.result import Array, threshold_of
+from nonsac.estimators.contract import Estimator, checked_hypothesis
+from nonsac.layouts import Array, Rows
+from nonsac.method.verdict import Residuals, background, chance_rate
+from nonsac.problems.contract import ContractBroken, Problem, solved
+from nonsac.problems.noise import Noise
+from nonsac.result import Hypothesis
 
 __all__ = ["guessed_noise", "measured_noise"]
 
@@ -22,11 +24,11 @@ _WINDOWS = 12
 def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> float:
     """Standard deviation of the inliers of a model, from the median of the residuals beyond chance.
 
-    They are looked for within a threshold that is adjusted until it is five times the outcome. NaN where no residuals
-    are beyond chance.
+    They are looked for within a threshold that is adjusted until it is that of the outcome. NaN if no residuals are
+    beyond chance.
     """
-    ordered, by_chance = np.sort(residuals.of_rows), np.sort(residuals.by_chance)
-    expected = len(ordered) / len(by_chance) * np.searchsorted(by_chance, ordered, side="right")
+    ordered, shuffled = np.sort(residuals.of_rows), np.sort(residuals.shuffled)
+    expected = len(ordered) / len(shuffled) * np.searchsorted(shuffled, ordered, side="right")
     beyond_chance = np.arange(1, len(ordered) + 1) - expected
     median = np.sqrt(chdtri(dimension, 0.5))
     window, noise = threshold, float("nan")
@@ -38,36 +40,49 @@ def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> fl
         noise = float(ordered[half] / median)
         if ordered[half] > 0.35 * window:  # they go on beyond the window
             window *= 2.0
-        elif abs(threshold_of(noise) - window) < 0.1 * window:
+        elif abs(Noise.given(noise).threshold - window) < 0.1 * window:
             break
         else:
-            window = max(threshold_of(noise), 1e-300)
+            window = max(Noise.given(noise).threshold, 1e-300)
     return noise
 
 
-def guessed_noise(problem: Problem, estimator: Estimator, rows: Array, rng: np.random.Generator) -> float:
+def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.random.Generator) -> float:
     """A noise level at which an estimate from these rows is least likely to come about by chance.
 
     Thresholds from a quarter of the residuals of wrong rows downwards are tried, each with an estimate of its
-    own; the number of inliers is compared with that among the same rows paired at random (Moisan and Stival, IJCV
-    2004). Where no estimate means anything, a hundredth of those residuals, or 1 where the rows have no extent.
+    own; the number of inliers is compared with that among the problem's background rows (Moisan and Stival, IJCV
+    2004). If no estimate means anything, a hundredth of those residuals, or 1 if the rows have no extent.
     """
-    unit = _residuals_of_wrong_rows(problem, rows, rng)
+    unit = _residuals_of_wrong_rows(problem, rows.values, rng)
     if not (np.isfinite(unit) and unit > 0.0):
         return 1.0
     best, least = _FALLBACK_SHARE * unit, 0.0
     for threshold in unit * _RUNGS:
-        hypothesis = estimator.estimate(problem, rows, float(threshold), rng)
-        if not hypothesis.found:
+        hypothesis = _attempt(problem, estimator, rows, Noise.within(threshold, known=False), rng)
+        if hypothesis is None or not hypothesis.found:
             continue
         residuals = Residuals.of(problem, hypothesis.model, rows)
-        rate = chance_rate(residuals.by_chance, float(threshold))
+        rate = chance_rate(residuals.shuffled, float(threshold))
         meaning = _log_chance(hypothesis.num_inliers - problem.minimal_size, len(rows), rate)
         if meaning < least:
-            best, least = measured_noise(residuals, float(threshold), residual_dimension(problem)), meaning
+            best, least = measured_noise(residuals, float(threshold), problem.residual_dimension), meaning
             if not np.isfinite(best):
-                best = float(threshold) / 5.0
+                best = Noise.within(threshold).sigma
     return max(best, _LEAST_SHARE * unit)
+
+
+def _attempt(
+    problem: Problem, estimator: Estimator, rows: Rows, noise: Noise, rng: np.random.Generator
+) -> Hypothesis | None:
+    """What the estimator finds at this noise; None if it fails."""
+    try:
+        found = estimator.estimate(problem, rows, noise, rng)
+    except ContractBroken:
+        raise
+    except Exception:
+        return None
+    return checked_hypothesis(found, problem, estimator)
 
 
 def _residuals_of_wrong_rows(problem: Problem, rows: Array, rng: np.random.Generator) -> float:
@@ -75,14 +90,14 @@ def _residuals_of_wrong_rows(problem: Problem, rows: Array, rng: np.random.Gener
     if len(rows) <= problem.minimal_size:
         return float("nan")
     samples = np.stack([rng.choice(len(rows), problem.minimal_size, replace=False) for _ in range(_MODELS)])
-    models = problem.solve_minimal(rows[samples])
-    residuals = problem.residuals(models, paired_at_random(problem, rows, 500)) if len(models) else np.empty(0)
+    models = solved(problem, rows[samples])
+    residuals = problem.residuals(models, background(problem, rows, 500)) if len(models) else np.empty(0)
     finite = residuals[np.isfinite(residuals)]
     return float(np.median(finite)) if len(finite) else float("nan")
 
 
 def _log_chance(inliers: int, rows: int, rate: float) -> float:
-    """Upper bound of the logarithm of a binomial tail (Hoeffding 1963): 0 where there are no more than expected."""
+    """Upper bound of the logarithm of a binomial tail (Hoeffding 1963): 0 if there are no more than expected."""
     share = inliers / rows
     if share <= rate:
         return 0.0

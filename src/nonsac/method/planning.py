@@ -10,7 +10,6 @@ from nonsac.sources import MappedSource
 from nonsac.sources.contract import Source
 
 _ROWS_OF_THE_LAST_FIT = 100_000
-_NUMBER = 8
 _BYTES_A_SECOND = 200e6
 _SECONDS_A_SAMPLE, _SECONDS_A_ROW = 0.1, 5e-6
 
@@ -26,7 +25,7 @@ class Plan:
     rows, columns : int
         Of the source.
     blocks : int or None
-        In how many pieces its rows come that can only be read whole; None where rows are read one by one.
+        In how many pieces its rows come that can only be read whole; None if rows are read one by one.
     samples, sample_size : int
         Of the run. With samples="auto" it may be 2, or 100.
     rows_read, bytes_read : int
@@ -90,15 +89,15 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
     Raises
     ------
     ValueError
-        Where a number is not positive.
+        If a number is not positive.
     """
     for name, value in (("samples", samples), ("sample_size", sample_size)):
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise ValueError(f"{name} must be a positive integer, got {value!r}")
     rows = len(source)
     read = min(rows, max(_ROWS_OF_THE_LAST_FIT, samples * sample_size))
-    bytes_read, bytes_of_all = _bytes(source, read), _bytes(source, rows)
-    starts = getattr(source, "block_starts", None)
+    bytes_read, bytes_of_all = source.bytes_to_take(read), source.bytes_to_take(rows)
+    starts = source.about.blocks
     return Plan(
         kind=type(_innermost(source)).__name__,
         rows=rows,
@@ -113,12 +112,6 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
         seconds=bytes_read / _BYTES_A_SECOND + samples * _SECONDS_A_SAMPLE + read * _SECONDS_A_ROW,
         seconds_of_all=bytes_of_all / _BYTES_A_SECOND,
     )
-
-
-def _bytes(source: Source, rows: int) -> int:
-    if hasattr(source, "bytes_to_take"):
-        return int(source.bytes_to_take(rows))
-    return 0 if getattr(source, "in_memory", False) else _NUMBER * source.width * rows
 
 
 def _innermost(source: Source) -> Source:

@@ -26,7 +26,7 @@ def sample_rows(rows: int, start: int, size: int, seed: int) -> Indices:
 def sample_start(rows: int, first: int, sample: int, size: int) -> int:
     """Where a sample starts that comes after `sample` others of its size, from a position of the passes on.
 
-    Where a pass has no full piece left, the next one begins.
+    If a pass has no full piece left, the next one begins.
     """
     if size >= rows:
         return first + sample * size
@@ -40,7 +40,7 @@ def sample_start(rows: int, first: int, sample: int, size: int) -> int:
 def union_rows(rows: int, end: int, seed: int, at_least: int = 0) -> Indices:
     """Row numbers that the samples up to a position hold together, each once, and more up to a number; sorted.
 
-    All rows, where the samples need more than one pass, even if a few were left over at its end.
+    All rows if the samples need more than one pass, even if a few were left over at its end.
     """
     wanted = max(end, at_least)
     return np.arange(rows, dtype=np.int64) if wanted >= rows else np.sort(permutation(rows, 0, wanted, seed))

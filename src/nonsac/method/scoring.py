@@ -7,29 +7,41 @@ and the sum of the TLP cost runs over the rows of the hypothesis' own sample.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.estimators.contract import Estimator
+from nonsac.layouts import Array
 from nonsac.problems.contract import Problem
-from nonsac.result import Array, Hypothesis
+from nonsac.result import Hypothesis
 
 
-@runtime_checkable
-class ScoringRule(Protocol):
-    """Scores hypotheses against each other; the highest score wins."""
+class ScoringRule(ABC):
+    """Scores hypotheses against each other; the highest score wins. Derive a class from it to add a rule.
+
+    `name` and `scores` are needed; `plan` has a default.
+    """
 
     @property
+    @abstractmethod
     def name(self) -> str:
         """How the rule is called in files and on the command line."""
-        ...
 
+    @abstractmethod
     def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
         """One score for each hypothesis, -inf for those that must not win."""
-        ...
+
+    def plan(self, samples: int | None, estimator: Estimator) -> tuple[int | None, Estimator]:
+        """How many samples to draw, and the estimator for each; `samples` is None for samples="auto".
+
+        By default as they are; a rule that spends the budget in its own way, as `FixedSample` does, changes them.
+        """
+        return samples, estimator
 
 
 def select(rule: ScoringRule, hypotheses: Sequence[Hypothesis], problem: Problem) -> tuple[int, Array]:
@@ -43,18 +55,19 @@ def select(rule: ScoringRule, hypotheses: Sequence[Hypothesis], problem: Problem
 
 
 @dataclass(frozen=True)
-class Ideal:
+class Ideal(ScoringRule):
     """The hypothesis closest to the truth: for studies, as an upper bound of what selection can reach."""
 
     truth: Array
     name: str = "ideal"
 
     def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
-        return -problem.distance(_models(hypotheses), self.truth[:3])
+        errors = problem.distance(_models(hypotheses), self.truth[:3])
+        return np.nan_to_num(-errors, nan=-np.inf)
 
 
 @dataclass(frozen=True)
-class MostInliers:
+class MostInliers(ScoringRule):
     """The hypothesis with the most inliers in its own sample."""
 
     name: str = "most_inliers"
@@ -64,7 +77,7 @@ class MostInliers:
 
 
 @dataclass(frozen=True)
-class FixedSample:
+class FixedSample(ScoringRule):
     """One sample only, searched with the budget of all m: a way of sampling rather than a rule (Sec. 3.2, item 2)."""
 
     name: str = "fixed"
@@ -72,13 +85,15 @@ class FixedSample:
     def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
         return _inlier_counts(hypotheses)
 
-    def plan(self, samples: int, estimator: Any) -> tuple[int, Any]:
+    def plan(self, samples: int | None, estimator: Estimator) -> tuple[int | None, Estimator]:
         """One sample, and the estimator with `samples` times the budget."""
+        if samples is None:
+            raise ValueError("samples must be a number with the rule fixed, which spends their budget on one sample")
         return 1, estimator.with_budget(samples)
 
 
 @dataclass(frozen=True)
-class ClosestPair:
+class ClosestPair(ScoringRule):
     """Of the two models closest to each other, the one with more inliers."""
 
     name: str = "closest_pair"
@@ -90,7 +105,7 @@ class ClosestPair:
 
 
 @dataclass(frozen=True)
-class ClosestTriplet:
+class ClosestTriplet(ScoringRule):
     """Of the three models with the smallest largest distance between two of them, the one with the most inliers."""
 
     name: str = "closest_triplet"
@@ -110,11 +125,15 @@ class ClosestTriplet:
 
 
 @dataclass(frozen=True)
-class MinimumQuantile:
+class MinimumQuantile(ScoringRule):
     """The smallest quantile of the inlier residuals: 0.5 is the median, 0.75 the upper quartile."""
 
     quantile: float
-    name: str
+
+    @property
+    def name(self) -> str:
+        known = {0.5: "minimum_median", 0.75: "minimum_q3"}
+        return known.get(self.quantile, f"minimum_quantile_{self.quantile:g}")
 
     def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
         inliers = [h.inlier_residuals for h in hypotheses]
@@ -122,7 +141,7 @@ class MinimumQuantile:
 
 
 @dataclass(frozen=True)
-class MinimumMean:
+class MinimumMean(ScoringRule):
     """The smallest mean of the inlier residuals."""
 
     name: str = "minimum_mean"
@@ -133,7 +152,7 @@ class MinimumMean:
 
 
 @dataclass(frozen=True)
-class PairCost:
+class PairCost(ScoringRule):
     """Of the pair (i, j) that maximises max(n_i, n_j) / d_ij^k, the model with more inliers (Eq. 1).
 
     Two equal models (d = 0) win over all pairs of unequal ones; among several such pairs the inliers decide.
@@ -156,7 +175,7 @@ class PairCost:
 
 
 @dataclass(frozen=True)
-class TruncatedLp:
+class TruncatedLp(ScoringRule):
     """The smallest sum of min(|r|^p, threshold^p) over the rows of the hypothesis' own sample (Eq. 2)."""
 
     p: float = 0.1
@@ -186,8 +205,8 @@ def paper_rules() -> tuple[ScoringRule, ...]:
         ClosestPair(),
         ClosestTriplet(),
         MinimumMean(),
-        MinimumQuantile(0.5, "minimum_median"),
-        MinimumQuantile(0.75, "minimum_q3"),
+        MinimumQuantile(0.5),
+        MinimumQuantile(0.75),
         *(PairCost(k) for k in PAIR_COST_EXPONENTS),
         *(TruncatedLp(p) for p in TRUNCATED_LP_EXPONENTS),
     )

@@ -9,10 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
-from nonsac.estimators.contract import Estimator
+from nonsac.estimators.contract import Estimator, checked_hypothesis
+from nonsac.layouts import Rows
 from nonsac.method.sampling import sample_rows, sample_start, union_rows
-from nonsac.problems.contract import Problem
-from nonsac.result import Array, Hypothesis
+from nonsac.problems.contract import ContractBroken, Problem, rows_of
+from nonsac.problems.noise import Noise
+from nonsac.result import Hypothesis
 from nonsac.running.executors import Workers, are_elsewhere, ordered_map
 from nonsac.sources import ArraySource
 from nonsac.sources.contract import Source
@@ -34,7 +36,7 @@ class SampleTask:
     source: Source
     problem: Problem
     estimator: Estimator
-    threshold: float
+    noise: Noise
     sample_size: int
     seed: int
     start: int = 0
@@ -43,29 +45,39 @@ class SampleTask:
     def __call__(self, sample: int) -> Hypothesis:
         return self.estimated(sample, *self.rows(sample))
 
-    def estimated(self, sample: int, rows: Array, dropped: int) -> Hypothesis:
+    def estimated(self, sample: int, rows: Rows, dropped: int) -> Hypothesis:
         """The hypothesis of a sample whose rows are at hand."""
-        number = self.number + sample
-        if len(rows) < self.problem.minimal_size:
-            nothing = np.full((3, 4), np.nan)
-            return Hypothesis(nothing, np.full(len(rows), np.inf), self.threshold, number, dropped=dropped)
+        number, problem = self.number + sample, self.problem
+        nothing = Hypothesis(problem.no_model, np.full(len(rows), np.inf), self.noise.threshold, number, tested=0)
+        if len(rows) < problem.minimal_size:
+            return replace(nothing, dropped=dropped)
         rng = np.random.default_rng([self.seed, number])
-        hypothesis = self.estimator.estimate(self.problem, rows, self.threshold, rng)
-        return replace(hypothesis, sample=number, dropped=dropped)
+        try:
+            hypothesis = self.estimator.estimate(problem, rows, self.noise, rng)
+        except ContractBroken:
+            raise
+        except Exception as error:  # of somebody's estimator: it costs this sample, and the result says so
+            return replace(nothing, dropped=dropped, fault=f"{type(error).__name__}: {error}")
+        return replace(checked_hypothesis(hypothesis, problem, self.estimator), sample=number, dropped=dropped)
 
-    def rows(self, sample: int) -> tuple[Array, int]:
-        """The finite rows of a sample, and how many others were dropped."""
+    def rows(self, sample: int) -> tuple[Rows, int]:
+        """The usable rows of a sample, and how many were dropped because they are not finite."""
         indices = sample_rows(len(self.source), self.position(sample), self.sample_size, self.seed)
         drawn = self.source.take(indices)
         finite = np.isfinite(drawn).all(axis=1)
-        return self._counting(drawn[finite]), len(drawn) - int(np.count_nonzero(finite))
+        return rows_of(self.problem, drawn[finite]), len(drawn) - int(np.count_nonzero(finite))
 
     def read_ahead(self, samples: int) -> None:
-        """Read the rows of the next samples in one go, where the source keeps what it reads."""
-        if samples and hasattr(self.source, "hold"):
+        """Read the rows of the next samples in one go, if the source keeps what it reads."""
+        if samples and self.source.about.keeps_rows:
             positions = (self.position(sample) for sample in range(samples))
             rows = [sample_rows(len(self.source), position, self.sample_size, self.seed) for position in positions]
             self.source.hold(np.concatenate(rows))
+
+    def packed(self, sample: int) -> Callable[[int], Hypothesis]:
+        """The sample with its rows, for workers that could not read the source."""
+        nothing = ArraySource(np.empty((0, self.source.width)))
+        return SampleWithRows(replace(self, source=nothing), *self.rows(sample))
 
     def position(self, sample: int) -> int:
         """Where in the passes over the source a sample begins."""
@@ -76,30 +88,10 @@ class SampleTask:
         start = self.position(samples - 1) + self.sample_size
         return replace(self, start=start, number=self.number + samples)
 
-    def union(self, samples: int, at_least: int = 0) -> Array:
-        """The finite rows that all samples hold together up to `samples` of this task, each once, and further ones."""
+    def union(self, samples: int, at_least: int = 0) -> Rows:
+        """The usable rows that all samples hold together up to `samples` of this task, each once, and further ones."""
         end = self.position(samples - 1) + self.sample_size if samples else self.start
-        rows = self.source.take(union_rows(len(self.source), end, self.seed, at_least))
-        return self._counting(rows[np.isfinite(rows).all(axis=1)])
-
-    def _counting(self, rows: Array) -> Array:
-        """The rows that have a weight, if there are weights."""
-        return rows[self.problem.row_weights(rows) > 0.0] if hasattr(self.problem, "row_weights") else rows
-
-
-@dataclass(frozen=True)
-class TravellingTask:
-    """A task for workers that could not read its source: each is sent the rows of its sample, and nothing else."""
-
-    task: SampleTask
-
-    def __call__(self, sample: int) -> Hypothesis:
-        return self.task(sample)
-
-    def packed(self, sample: int) -> Callable[[int], Hypothesis]:
-        """What a worker needs for one sample."""
-        nothing = ArraySource(np.empty((0, self.task.source.width)))
-        return SampleWithRows(replace(self.task, source=nothing), *self.task.rows(sample))
+        return rows_of(self.problem, self.source.take(union_rows(len(self.source), end, self.seed, at_least)))
 
 
 @dataclass(frozen=True)
@@ -107,7 +99,7 @@ class SampleWithRows:
     """A sample whose rows have been read."""
 
     task: SampleTask
-    rows: Array
+    rows: Rows
     dropped: int
 
     def __call__(self, sample: int) -> Hypothesis:
@@ -116,7 +108,7 @@ class SampleWithRows:
 
 @dataclass
 class Search:
-    """The samples drawn so far, and what ends the drawing: `room` bounds the rows of all samples."""
+    """The samples drawn so far, and what ends the drawing: `max_rows` bounds the rows of all samples."""
 
     task: SampleTask
     most: int
@@ -124,21 +116,23 @@ class Search:
     stop: Stop | None
     progress: Callable[[int, int], object] | None
     deadline: float | None
-    room: int = 2**62
+    max_rows: int = 2**62
+    max_memory: int | None = None
     hypotheses: list[Hypothesis] = field(default_factory=list)
     stopped: bool = False
     late: bool = False
 
-    def begun(self, threshold: float) -> Search:
-        """The same search, with a threshold and nothing drawn yet."""
-        return replace(self, task=replace(self.task, threshold=threshold), hypotheses=[], _union=None)
+    def begun(self, noise: Noise) -> Search:
+        """The same search, with a noise and nothing drawn yet."""
+        return replace(self, task=replace(self.task, noise=noise), hypotheses=[], _union=None)
 
     def draw(self, count: int) -> None:
         """Estimate in so many further samples, or fewer."""
         count = min(count, self._left())
         before = len(self.hypotheses)
         self.task.read_ahead(count)
-        for hypothesis in ordered_map(self._travelling(), count, self.workers):
+        travels = self.task.source.about.in_memory and are_elsewhere(self.workers)
+        for hypothesis in ordered_map(self.task, count, self.workers, self.task.packed if travels else None):
             self.hypotheses.append(hypothesis)
             if self.progress is not None:
                 self.progress(len(self.hypotheses), self.most)
@@ -148,14 +142,8 @@ class Search:
                 break
         self.task = self.task.after(len(self.hypotheses) - before)
 
-    def _travelling(self) -> Callable[[int], Hypothesis]:
-        """The task, or, where workers could not read the rows, one that is sent them."""
-        if getattr(self.task.source, "in_memory", False) and are_elsewhere(self.workers):
-            return TravellingTask(self.task)
-        return self.task
-
     def is_late(self) -> bool:
-        """Whether the time is over."""
+        """Whether the time limit was reached."""
         return self.deadline is not None and time.perf_counter() > self.deadline
 
     @property
@@ -165,14 +153,22 @@ class Search:
     def _left(self) -> int:
         """How many samples may still be drawn."""
         size = min(self.task.sample_size, len(self.task.source))
-        return min(self.most - len(self.hypotheses), (self.room - self.task.start) // size)
+        return min(self.most - len(self.hypotheses), (self.max_rows - self.task.start) // size)
 
-    def union(self, at_least: int = 0) -> Array:
-        """The finite rows of all samples, each once, and further ones up to a number; read when first asked for."""
-        at_least = min(at_least, self.room)
+    @property
+    def problem(self) -> Problem:
+        return self.task.problem
+
+    @property
+    def noise(self) -> Noise:
+        return self.task.noise
+
+    def union(self, at_least: int = 0) -> Rows:
+        """The usable rows of all samples, each once, and further ones up to a number; read when first asked for."""
+        at_least = min(at_least, self.max_rows)
         key = (self.task.start, at_least)
         if self._union is None or self._union[0] != key:
             self._union = key, self.task.union(0, at_least)
         return self._union[1]
 
-    _union: tuple[tuple[int, int], Array] | None = field(default=None, repr=False)
+    _union: tuple[tuple[int, int], Rows] | None = field(default=None, repr=False)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betainc, chdtr, ndtr
 
-from nonsac.problems.contract import Problem, residual_dimension
-from nonsac.result import Alternative, Array, Status, homogeneous
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem
+from nonsac.problems.noise import Noise
+from nonsac.result import Alternative, Remark, Status
 
 _LARGEST_CHANCE = 1e-6
 _CLEAR_LEAD = 4.0
@@ -26,92 +31,147 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Of all rows, and of the same rows paired at random, for one model."""
+    """Of all rows, and of the problem's background rows, for one model."""
 
     of_rows: Array
-    by_chance: Array
+    shuffled: Array
 
     @classmethod
-    def of(cls, problem: Problem, model: Array, rows: Array) -> Residuals:
-        return cls(problem.residuals(model[None], rows)[0], chance_residuals(problem, model, rows))
+    def of(cls, problem: Problem, model: Array, rows: Rows) -> Residuals:
+        size = min(50_000, max(6_000, 10 * len(rows)))
+        by_chance = problem.residuals(model[None], background(problem, rows.values, size))[0]
+        return cls(problem.residuals(model[None], rows.values)[0], by_chance)
 
     def support(self, threshold: float) -> float:
         """Share of the rows that are inliers beyond chance."""
-        return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.by_chance, threshold)
+        return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.shuffled, threshold)
 
 
-def judge_rows(
-    problem: Problem,
-    model: Array,
-    rows: Array,
-    threshold: float,
-    tested: int,
-    known_noise: bool = True,
-    residuals: Residuals | None = None,
-) -> Verdict:
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A model that might be the answer, and the rows that it is judged on."""
+
+    problem: Problem
+    model: Array
+    rows: Rows
+    noise: Noise
+
+    @cached_property
+    def residuals(self) -> Residuals:
+        return Residuals.of(self.problem, self.model, self.rows)
+
+    @property
+    def inliers(self) -> NDArray[np.bool_]:
+        return self.residuals.of_rows < self.noise.threshold
+
+    @property
+    def support(self) -> float:
+        """Share of the rows that are inliers beyond chance."""
+        return self.residuals.support(self.noise.threshold)
+
+    def without_copies(self) -> Candidate:
+        """The same model on different rows only, if some inliers are copies of others."""
+        inliers = self.rows.values[self.inliers]
+        if len(_distinct(inliers)) == len(inliers):
+            return self
+        return Candidate(self.problem, self.model, self.rows[_distinct(self.rows.values)], self.noise)
+
+
+class Effort(NamedTuple):
+    """How long the search was.
+
+    Attributes
+    ----------
+    compared : int
+        Models that the answer was chosen from, as far as is known, at most: each could have come up by chance.
+    searched : int
+        Minimal samples that are known to have been drawn, at least: each could have been the start of a better model.
+    """
+
+    compared: int
+    searched: int
+
+
+def judge_rows(candidate: Candidate, effort: Effort) -> Verdict:
     """Could a model with this many inliers come up by chance, or as a model that is right in part only?
 
-    *Chance.* The chance level is measured on the same rows with their pairing shuffled: the marginal distributions
-    stay, the matches are gone. The number of inliers beyond a minimal sample, under a binomial law with that rate and
-    corrected for the number of models that were compared (Bonferroni), gives the probability that data without
-    any matches would have produced such an answer; it must be below one in a million. Inliers that share a point
-    count once, because they are no independent evidence.
+    *Chance.* The chance level is measured on the problem's background rows: the same rows with their pairing shuffled,
+    so that the marginal distributions stay and the matches are gone. The number of inliers beyond a minimal sample,
+    under a binomial law with that rate and corrected for the number of models that were compared (Bonferroni), gives
+    the probability that data without any matches would have produced such an answer; it must be below one in a
+    million. Inliers that share a point count once, because they are no independent evidence.
 
     *Part of the truth.* A model near a wrong optimum has many true matches within the threshold, too, but these are
-    spread over it, where those of the right model keep within two standard deviations of the noise. Either the inliers
-    beyond chance show this, where the noise is known, or the search was so long that a better model, of which every
+    spread over it, while those of the right model keep within two standard deviations of the noise. Either the inliers
+    beyond chance show this, if the noise is known, or the search was so long that a better model, of which every
     minimal sample of true matches is a start, would have come up (`_certainty_of_search`).
 
     The confidence is the lesser of both, 0.5 at either bound. The first test is applied, too, to the inliers that a
-    simpler model (a rotation without a baseline, a planar scene) does not explain. Where they are no more than chance,
-    the data are of that simpler kind.
+    special case (a rotation without a baseline, a planar scene) does not explain. If they are no more than chance, the
+    data are of that special kind.
     """
-    residuals = residuals or Residuals.of(problem, model, rows)
-    inliers = rows[residuals.of_rows < threshold]
-    if len(_distinct(inliers)) < len(inliers):  # copies are no evidence, and would be paired with each other
-        rows = _distinct(rows)
-        residuals = Residuals.of(problem, model, rows)
-        inliers = rows[residuals.of_rows < threshold]
+    candidate = candidate.without_copies()  # copies are no evidence, and would be paired with each other
+    problem, noise, rows = candidate.problem, candidate.noise, len(candidate.rows)
+    inliers = candidate.rows.values[candidate.inliers]
     if _distinct_count(problem, inliers) <= problem.minimal_size:
         return Verdict(Status.LOW_SUPPORT, 0.0)
-    if not problem.determined(model, inliers, threshold):
+    if not problem.determined(candidate.model, inliers, noise):
         return Verdict(Status.DEGENERATE, 0.0)
-    rate = chance_rate(residuals.by_chance, threshold)
-    chance = min(1.0, _chance(problem, inliers, len(rows), rate) * max(tested, 1))
+    rate = chance_rate(candidate.residuals.shuffled, noise.threshold)
+    chance = min(1.0, _chance(problem, inliers, rows, rate) * max(effort.compared, 1))
     confidence = 1.0 - float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE)))
     if chance >= _LARGEST_CHANCE:
         return Verdict(Status.LOW_SUPPORT, confidence)
-    whole = _certainty_of_search(residuals.support(threshold), tested, problem.minimal_size)
-    if known_noise:
-        whole = max(whole, _certainty_of_spread(residuals, threshold, residual_dimension(problem)))
-    confidence = min(confidence, whole)
+    confidence = min(confidence, _certainty_of_whole(candidate, effort.searched))
     if confidence < 0.5:
-        return Verdict(Status.LOW_SUPPORT, confidence, remarks=("partly right",))
+        return Verdict(Status.LOW_SUPPORT, confidence, remarks=(Remark.PARTLY_RIGHT,))
+    return _beside_special_cases(candidate, Verdict(Status.OK, confidence), rate)
+
+
+def _certainty_of_whole(candidate: Candidate, searched: int) -> float:
+    """How certainly the model is not right in part only."""
+    problem, noise = candidate.problem, candidate.noise
+    whole = _certainty_of_search(candidate.support, searched, problem.minimal_size)
+    if noise.known:
+        whole = max(whole, _certainty_of_spread(candidate.residuals, noise.threshold, problem.residual_dimension))
+    return whole
+
+
+def _beside_special_cases(candidate: Candidate, verdict: Verdict, rate: float) -> Verdict:
+    """The verdict in view of what special cases of the problem explain."""
+    problem, model, noise, rows = candidate.problem, candidate.model, candidate.noise, candidate.rows.values
+    inliers = rows[candidate.inliers]
     remarks: list[str] = []
     alternatives: list[Alternative] = []
-    for simpler in problem.simpler_models(model, inliers, threshold) if hasattr(problem, "simpler_models") else ():
-        unexplained = inliers[~simpler.explains]
+    for case in problem.special_cases(model, inliers, noise):
+        unexplained = inliers[~case.explains]
         if len(unexplained) > 0.5 * len(inliers) or _chance(problem, unexplained, len(rows), rate) < _LARGEST_CHANCE:
-            continue  # the rows say more than the simpler model does
-        remarks.append(simpler.name)
-        if not simpler.determined:
+            continue  # the rows say more than the special case does
+        remarks.append(case.name)
+        if not case.determined:
             return Verdict(Status.DEGENERATE, 0.0, remarks=tuple(remarks))
-        for other in simpler.others:
-            ratios = np.minimum(problem.residuals(np.stack([model, other]), rows) / threshold, 1.0)
+        for other in case.others:
+            ratios = np.minimum(problem.residuals(np.stack([model, other]), rows) / noise.threshold, 1.0)
             if _lead(*ratios) < _CLEAR_LEAD:
-                alternatives.append(Alternative(homogeneous(other), float((ratios[1] < 1.0).mean())))
-    status = Status.AMBIGUOUS if alternatives else Status.OK
-    return Verdict(status, min(confidence, 0.5) if alternatives else confidence, tuple(alternatives), tuple(remarks))
+                alternatives.append(alternative(problem, other, float((ratios[1] < 1.0).mean())))
+    if not alternatives:
+        return Verdict(verdict.status, verdict.confidence, remarks=tuple(remarks))
+    return Verdict(Status.AMBIGUOUS, min(verdict.confidence, 0.5), tuple(alternatives), tuple(remarks))
+
+
+def alternative(problem: Problem, model: Array, support: float) -> Alternative:
+    """Another answer, with its matrix if it is a motion."""
+    return Alternative(model, support, problem.transform(model))
 
 
 def _certainty_of_spread(residuals: Residuals, threshold: float, dimension: int) -> float:
-    """How certainly the inliers beyond chance keep to the noise: 0.5 where as many as of a wrong model do.
+    """How certainly the inliers beyond chance keep to the noise: 0.5 if as many as of a wrong model do.
 
     Of a right model, the share within two of the five standard deviations is that of a chi distribution; of a wrong
     one it is at most the fourth power of that (0.83, 0.56, 0.30 in one, two and three dimensions).
     """
-    rows, pairs = len(residuals.of_rows), len(residuals.by_chance)
-    shares = np.array([chance_rate(residuals.by_chance, x) for x in (0.4 * threshold, threshold)])
+    rows, pairs = len(residuals.of_rows), len(residuals.shuffled)
+    shares = np.array([chance_rate(residuals.shuffled, x) for x in (0.4 * threshold, threshold)])
     hits = np.array([np.count_nonzero(residuals.of_rows < x) for x in (0.4 * threshold, threshold)])
     near, all_inliers = hits - rows * shares
     bound = float(chdtr(dimension, 4.0)) ** 4
@@ -120,13 +180,13 @@ def _certainty_of_spread(residuals: Residuals, threshold: float, dimension: int)
     return float(ndtr((near - bound * all_inliers) / np.sqrt(variance)))
 
 
-def _certainty_of_search(support: float, tested: int, minimal_size: int) -> float:
+def _certainty_of_search(support: float, searched: int, minimal_size: int) -> float:
     """How certainly a better model would have come up, if there were one: 0.5 at two expected starts.
 
     A start is a minimal sample of rows that a model with the same support explains. Not every minimal sample gives a
     model to be tested, so there were more.
     """
-    starts = tested * max(support, 0.0) ** minimal_size
+    starts = searched * max(support, 0.0) ** minimal_size
     return 1.0 - float(0.5 ** (starts / 2.0))
 
 
@@ -149,41 +209,25 @@ def _chance(problem: Problem, inliers: Array, rows: int, rate: float) -> float:
 
 def _distinct_count(problem: Problem, rows: Array) -> int:
     """Rows that do not share a point with another one, in either half."""
-    end = problem.width - 1 if hasattr(problem, "row_weights") else problem.width
-    return min(_count_distinct(half) for half in (rows[:, : problem.split], rows[:, problem.split : end]))
+    split = problem.layout.split
+    halves = (rows,) if split is None else (rows[:, :split], rows[:, split:])
+    return min(len(_distinct(half)) for half in halves)
 
 
-def _count_distinct(points: Array) -> int:
-    return len(_distinct(points))
-
-
-def _distinct(rows: Array) -> Array:
-    """The different rows, in their order; `numpy.unique` on an axis takes ten times as long, and sorts them."""
+def _distinct(rows: Array) -> NDArray[np.int64]:
+    """Numbers of the different rows, in their order; `numpy.unique` on an axis takes ten times as long, and sorts."""
     if not len(rows):
-        return rows
+        return np.empty(0, np.int64)
     order = np.lexsort(rows.T)
     ordered = rows[order]
-    return rows[np.sort(order[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))])]
+    return np.sort(order[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))])
 
 
-def chance_residuals(problem: Problem, model: Array, rows: Array) -> Array:
-    """Residuals of rows that are paired at random."""
-    return problem.residuals(model[None], paired_at_random(problem, rows, min(50_000, max(6_000, 10 * len(rows)))))[0]
+def background(problem: Problem, rows: Array, size: int) -> Array:
+    """So many rows as there would be if no model held, the same each time."""
+    return problem.background(rows, size, np.random.default_rng(len(rows)))
 
 
-def paired_at_random(problem: Problem, rows: Array, size: int) -> Array:
-    """So many rows of two halves from different rows: the marginal distributions without the matches.
-
-    With each pair there is that of the other two halves, so that nothing changes where the halves change places.
-    """
-    n = len(rows)
-    rng = np.random.default_rng(n)
-    first = rng.integers(n, size=size // 2)
-    second = (first + rng.integers(1, max(n, 2), size=size // 2)) % n
-    first, second = np.concatenate([first, second]), np.concatenate([second, first])
-    return np.hstack([rows[first, : problem.split], rows[second, problem.split :]])
-
-
-def chance_rate(by_chance: Array, threshold: float) -> float:
-    """Share of inliers among random pairs; half a count is added to be safe."""
-    return (np.count_nonzero(by_chance < threshold) + 0.5) / (len(by_chance) + 1)
+def chance_rate(shuffled: Array, threshold: float) -> float:
+    """Share of inliers among the background rows; half a count is added to be safe."""
+    return (np.count_nonzero(shuffled < threshold) + 0.5) / (len(shuffled) + 1)

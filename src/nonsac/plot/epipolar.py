@@ -44,7 +44,7 @@ def far_apart(places: Floats, count: int) -> NDArray[np.int64]:
 
 
 def clip(lines: Floats, view: View) -> Floats:
-    """Both ends of each line within the image, shape (k, 2, 2); NaN where it misses the image."""
+    """Both ends of each line within the image, shape (k, 2, 2); NaN if it misses the image."""
     normals, offsets = lines[:, :2], lines[:, 2]
     corners = np.stack([view.corner, view.corner + view.size])
     middle = corners.mean(axis=0)

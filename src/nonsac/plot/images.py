@@ -26,7 +26,7 @@ Entries = Sequence[tuple[str, dict[str, Any]]]
 _MOST_LINES, _MOST_RINGS = 500, 200
 _CANDIDATES = 100
 _RING: dict[str, Any] = {"marker": "o", "markersize": 7, "markerfacecolor": "none", "markeredgecolor": INK}
-# Twelve that are told apart on white and on pale grey; numbers at the points help where that is not enough.
+# Twelve that are told apart on white and on pale grey; numbers at the points help if that is not enough.
 _COLOURS = (
     *("#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00", "#56B4E9"),
     *("#882255", "#332288", "#999933", "#CC6677", "#117733", "#555555"),

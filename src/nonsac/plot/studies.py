@@ -153,7 +153,7 @@ def reliability(
 
 
 def _ticks_between(limits: tuple[float, float]) -> list[float]:
-    """Round numbers between the limits: 1, 2 and 5 times powers of ten, and more of them where these are too few."""
+    """Round numbers between the limits: 1, 2 and 5 times powers of ten, and more of them if these are too few."""
     for digits in ((1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9), np.arange(10, 100) / 10, np.arange(100, 1000) / 100):
         ticks = [float(digit) * 10.0**power for power in range(-5, 4) for digit in digits]
         visible = [tick for tick in ticks if limits[0] <= tick <= limits[1]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,23 +17,24 @@ from nonsac.kernels.reprojection import (
     reprojection_jacobian,
     reprojection_residuals,
 )
+from nonsac.layouts import POINTS, Array
+from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
-from nonsac.problems.normal_equations import NormalEquations, Weigher
-from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
+from nonsac.problems.noise import Noise
+from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
+from nonsac.problems.pose import homogeneous, positive, rotation_distance, rotation_is_certain, spread_out
 from nonsac.problems.registration import centre
-from nonsac.problems.special_case import Simpler
-
-Array = NDArray[np.float64]
+from nonsac.problems.special_case import SpecialCase
 
 _SAME_POSE = 3.0  # degrees
 
 
 @dataclass(frozen=True)
-class AbsolutePose:
+class AbsolutePose(Streaming, Problem):
     """camera = R world + t, for rows `u v X Y Z`: normalised image coordinates and the point in the world.
 
     The residual is the distance in the image between the point and where it was seen (Hartley and Zisserman 2003), in
-    pixels where the focal length is given, and in normalised coordinates otherwise. It is infinite for points behind
+    pixels if the focal length is given, and in normalised coordinates otherwise. It is infinite for points behind
     the camera.
 
     Parameters
@@ -44,10 +45,9 @@ class AbsolutePose:
 
     focal: float = 1.0
 
-    width: ClassVar[int] = 5
-    minimal_size: ClassVar[int] = 3
-    split: ClassVar[int] = 2
-    residual_dimension: ClassVar[int] = 2
+    layout = POINTS
+    minimal_size = 3
+    residual_dimension = 2
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "focal", positive("focal", self.focal))
@@ -63,7 +63,9 @@ class AbsolutePose:
         reprojection_residuals(models, np.ascontiguousarray(rows.T), residuals)
         return residuals * self.focal
 
-    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
+    def count_inliers(self, models: Array, rows: Array, threshold: float, weights: Array | None = None) -> NDArray[Any]:
+        if weights is not None:
+            return super().count_inliers(models, rows, threshold, weights)
         # Single precision is twice as fast; near the origin its error does not matter.
         origin = centre(rows)[2:]
         columns = np.ascontiguousarray((rows - [0.0, 0.0, *origin]).T, np.float32)
@@ -74,44 +76,44 @@ class AbsolutePose:
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:
         """Weighted least squares in the image, by Levenberg and Marquardt's method from `model`."""
-        return self.refit_robustly(model, rows, weights, np.inf, 50)
+        return self.fit_robustly(model, rows, weights, np.inf, 50)
 
-    def refit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
+    def fit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
         """The same with Tukey's biweight loss, which is constant beyond the threshold."""
         if np.count_nonzero(weights) < self.minimal_size or not np.isfinite(model).all():
-            return np.full((3, 4), np.nan)
+            return self.no_model
         columns, origin = self._centred(rows)
         fitted = moved_origin(model, origin)
         ok = fit_pose(columns, weights, float(threshold), iterations, np.array([self.focal, 1.0]), fitted)
-        return moved_origin(fitted, -origin) if ok else np.full((3, 4), np.nan)
+        return moved_origin(fitted, -origin) if ok else self.no_model
 
-    def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
-        """False for points on a line, and where the rotation is uncertain by ten degrees or more."""
+    def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
+        """False for points on a line, and if the rotation is uncertain by ten degrees or more."""
         if len(inliers) < self.minimal_size or not spread_out(inliers[:, 2:]):
             return False
         if not np.isfinite(model).all():
             return True
         jacobian = self._derivatives(model, inliers)[1]
-        return rotation_is_certain(least_squares_covariance(jacobian, threshold / 5.0))
+        return rotation_is_certain(least_squares_covariance(jacobian, noise.sigma))
 
-    def simpler_models(self, model: Array, inliers: Array, threshold: float) -> tuple[Simpler, ...]:
+    def special_cases(self, model: Array, inliers: Array, noise: Noise) -> tuple[SpecialCase, ...]:
         """What a plane explains of these inliers: with little perspective, it allows a second pose."""
         points = inliers[:, 2:]
         centre_of_plane, normal = plane_of_points(points)
         relief = self.focal * np.abs((points - centre_of_plane) @ normal) / (points @ model[2, :3] + model[2, 3])
-        flat = relief < threshold
+        flat = relief < noise.threshold
         others = np.empty((0, 3, 4))
         if flat.mean() > 0.5:
             twin = reflected_pose(model, centre_of_plane, normal)
-            fitted = self.refit_robustly(twin, inliers, np.ones(len(inliers)), 2.0 * threshold, 50)
+            fitted = self.fit_robustly(twin, inliers, np.ones(len(inliers)), 2.0 * noise.threshold, 50)
             if np.isfinite(fitted).all() and rotation_distance(fitted, model) > _SAME_POSE:
                 others = fitted[None]
-        return (Simpler("planar", flat, determined=True, others=others),)
+        return (SpecialCase("planar", flat, determined=True, others=others),)
 
-    def covariance(self, model: Array, inliers: Array, threshold: float) -> Array:
+    def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t."""
         residuals, jacobian = self._derivatives(model, inliers)
-        centred = robust_covariance(residuals, jacobian, threshold)
+        centred = robust_covariance(residuals, jacobian, noise.threshold)
         return at_origin(centred, model[:, :3] @ centre(inliers)[2:])
 
     def pivot(self, rows: Array) -> Array:
@@ -132,6 +134,9 @@ class AbsolutePose:
         moved = np.empty((3, 4))
         move(moved_origin(model, pivot), step, moved)
         return moved_origin(moved, -pivot)
+
+    def transform(self, model: Array) -> Array:
+        return homogeneous(model)
 
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""

@@ -1,69 +1,196 @@
-"""What a problem has to know."""
+"""What a problem has to know: the mathematics of one kind of model."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.result import Array
+from nonsac.layouts import Array, Layout, Rows
+
+if TYPE_CHECKING:
+    from nonsac.problems.noise import Noise
+    from nonsac.problems.normal_equations import Streaming
+    from nonsac.problems.special_case import SpecialCase
+
+_BLOCK = 2**20  # residuals that are held at once
 
 
-@runtime_checkable
-class Problem(Protocol):
-    """The mathematics of one kind of model. A row is one correspondence, of `width` numbers.
+class ContractBroken(TypeError):
+    """A problem or an estimator gave something else than its contract says; the message says what."""
 
-    A problem may have further methods, which are used where they are there:
 
-    - `refit_robustly(model, rows, weights, threshold, iterations)`: `refit` with Tukey's biweight loss, in one go.
-    - `simpler_models(model, inliers, threshold)`: special cases that may explain the inliers too, as `Simpler` objects.
-    - `covariance(model, inliers, threshold)`: of the parameters of a fitted model, (p, p).
-    - `pivot(rows)`, `normal_equations(model, rows, weigher, pivot)` and `moved(model, step, pivot)`: a step of Newton's
-      method from sums over rows, in parameters about a pivot (3,), and the residuals; refine="full" needs them.
-    - `residual_dimension`: how many independent errors of the same noise a residual is the length of; 1 if left out.
-    - `row_weights(rows)`: weights of the rows, (N,), as `Weighted` has.
+class Problem(ABC):
+    """The mathematics of one kind of model; derive a class from it to add a problem.
+
+    `layout`, `minimal_size`, `solve_minimal`, `residuals` and `refit` are needed, and `model_shape` if models are not
+    (3, 4). Everything else has a default, and is overridden if that pays or means more.
+
+    A problem travels to workers, so it must pickle.
+
+    Attributes
+    ----------
+    layout : Layout
+        The columns of a row.
+    minimal_size : int
+        Rows that determine finitely many models, k.
+    model_shape : tuple of int
+        Shape of a model; (3, 4) unless the class says otherwise.
+    residual_dimension : int
+        How many independent errors of the same noise a residual is the length of: 1 for the distance of a point from
+        a line, 2 for the distance of two points in an image.
+    streaming : Streaming or None
+        Sums over rows for refine="full"; None if the problem has none.
     """
+
+    model_shape: tuple[int, ...] = (3, 4)
+    residual_dimension: int = 1
+
+    @property
+    @abstractmethod
+    def layout(self) -> Layout: ...
+
+    @property
+    @abstractmethod
+    def minimal_size(self) -> int: ...
+
+    @abstractmethod
+    def solve_minimal(self, samples: Array) -> Array:
+        """All models of one or more minimal samples (B, k, D): (M, *model_shape); M may be more or fewer than B."""
+
+    @abstractmethod
+    def residuals(self, models: Array, rows: Array) -> Array:
+        """How far each row is from each model, in the unit of the noise: (M, N) for M models and rows (N, D)."""
+
+    @abstractmethod
+    def refit(self, model: Array, rows: Array, weights: Array) -> Array:
+        """The least-squares model of weighted rows, started at `model`; NaN if the rows do not determine one.
+
+        At least `minimal_size` rows have a positive weight, and perhaps no more than that.
+        """
+
+    # --- what has a default ----------------------------------------------------------------
+
+    @property
+    def streaming(self) -> Streaming | None:
+        return None
+
+    def count_inliers(self, models: Array, rows: Array, threshold: float, weights: Array | None = None) -> NDArray[Any]:
+        """How many rows have a residual below the threshold, or what they weigh together: (M,)."""
+        step = max(1, _BLOCK // max(1, len(rows)))
+        blocks = [self.residuals(models[i : i + step], rows) < threshold for i in range(0, len(models), step)]
+        if weights is None:
+            return np.concatenate([np.empty(0, np.int64), *(block.sum(axis=1) for block in blocks)])
+        return np.concatenate([np.empty(0), *(block @ weights for block in blocks)])
+
+    def fit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
+        """`refit` with Tukey's biweight loss, constant beyond the threshold; the start or NaN if there is none.
+
+        By default iteratively reweighted least squares.
+        """
+        previous = np.zeros(len(rows))
+        for _ in range(iterations):
+            ratio = self.residuals(model[None], rows)[0] / threshold
+            biweights = np.where(ratio < 1.0, (1.0 - ratio**2) ** 2, 0.0)
+            if np.abs(biweights - previous).max(initial=0.0) < 1e-9:
+                break
+            fitted = refitted(self, model, rows, biweights * weights)
+            if not np.isfinite(fitted).all():
+                break
+            model, previous = fitted, biweights
+        return model
+
+    def distance(self, a: Array, b: Array) -> Array:
+        """How different two models are, in degrees; broadcasts over leading axes.
+
+        By default the angle between their numbers as vectors: a multiple of a model is the same model.
+        """
+        axes = tuple(range(-len(self.model_shape), 0))
+        a, b = (each / np.sqrt((each**2).sum(axis=axes, keepdims=True)) for each in (np.asarray(a), np.asarray(b)))
+        chord = np.sqrt(np.minimum(((a - b) ** 2).sum(axis=axes), ((a + b) ** 2).sum(axis=axes)))
+        return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))))
+
+    def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
+        """Whether these inlier rows, uncertain by the noise, pin the model down; the model may be NaN.
+
+        There are at least `minimal_size` rows. By default whether so many are different.
+        """
+        return len(np.unique(inliers[np.isfinite(inliers).all(axis=1)], axis=0)) >= self.minimal_size
+
+    def background(self, rows: Array, size: int, rng: np.random.Generator) -> Array:
+        """So many rows (size, D) as there would be if no model held, from which the verdict takes what chance does.
+
+        By default, rows that match two things get their second half from another row: the distribution of either half
+        stays, the matches are gone. With each such row there is that of the other two halves, so that nothing
+        changes if the halves change places. Rows that match nothing are drawn evenly from the box around the rows.
+        """
+        split, n = self.layout.split, len(rows)
+        if split is None:
+            return rng.uniform(rows.min(axis=0), rows.max(axis=0), (size, rows.shape[1]))
+        half = (size + 1) // 2
+        first = rng.integers(n, size=half)
+        second = (first + rng.integers(1, max(n, 2), size=half)) % n
+        first, second = np.concatenate([first, second])[:size], np.concatenate([second, first])[:size]
+        return np.hstack([rows[first, :split], rows[second, split:]])
+
+    def special_cases(self, model: Array, inliers: Array, noise: Noise) -> Sequence[SpecialCase]:
+        """Special cases of the data that may explain the inliers, too: a planar scene, say. By default none."""
+        return ()
+
+    def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array | None:
+        """Covariance (p, p) of the parameters of a fitted model; None if the problem knows none."""
+        return None
+
+    def transform(self, model: Array) -> Array | None:
+        """The model as a matrix (4, 4), if it is a motion of points: what `Result.T` is. None if it is none."""
+        return None
+
+    def describe(self, model: Array) -> str:
+        """A model in words, for people; for motions the result has words of its own."""
+        numbers = np.array2string(np.asarray(model).ravel(), precision=6, max_line_width=10**6)
+        return f"model {numbers}"
+
+    # --- what follows from the above -------------------------------------------------------
 
     @property
     def width(self) -> int:
-        """Numbers in a row, D."""
-        ...
+        """Numbers in a row, D, without a weight."""
+        return len(self.layout.names)
 
     @property
-    def minimal_size(self) -> int:
-        """Rows that determine finitely many models, k."""
-        ...
-
-    @property
-    def split(self) -> int:
-        """Column at which a row splits into the two things that it matches."""
-        ...
-
-    def solve_minimal(self, samples: Array) -> Array:
-        """All models of B minimal samples (B, k, D): (M, 3, 4), where M may be more or fewer than B."""
-        ...
-
-    def residuals(self, models: Array, rows: Array) -> Array:
-        """How far each row is from each model, in the unit of the threshold: (M, N) for M models, N rows."""
-        ...
-
-    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[Any]:
-        """How many rows have a residual below the threshold: (M,), or what they weigh together."""
-        ...
-
-    def refit(self, model: Array, rows: Array, weights: Array) -> Array:
-        """The least-squares model of weighted rows, started at `model`; NaN where the rows do not determine one."""
-        ...
-
-    def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
-        """Whether these inlier rows, uncertain by the threshold, pin the model down; the model may be NaN."""
-        ...
-
-    def distance(self, a: Array, b: Array) -> Array:
-        """How different two models are, in degrees; broadcasts over leading axes."""
-        ...
+    def no_model(self) -> Array:
+        """What stands for a model if none was found: NaN."""
+        return np.full(self.model_shape, np.nan)
 
 
-def residual_dimension(problem: Problem) -> int:
-    """How many independent errors of the same noise a residual is the length of."""
-    return getattr(problem, "residual_dimension", 1)
+def solved(problem: Problem, samples: Array) -> Array:
+    """The models of minimal samples, if they are what the contract says."""
+    if not len(samples):
+        return np.empty((0, *problem.model_shape))
+    models = np.asarray(problem.solve_minimal(samples), np.float64)
+    if models.shape[1:] != tuple(problem.model_shape):
+        name = type(problem).__name__
+        raise ContractBroken(
+            f"{name}.solve_minimal gave models of the shape {models.shape[1:]} instead of {problem.model_shape}: "
+            f"return (M, *model_shape), and set {name}.model_shape"
+        )
+    return models
+
+
+def refitted(problem: Problem, model: Array, rows: Array, weights: Array) -> Array:
+    """`Problem.refit`, if enough rows have a weight; else NaN."""
+    if np.count_nonzero(weights) < problem.minimal_size:
+        return problem.no_model
+    fitted = np.asarray(problem.refit(model, rows, weights), np.float64)
+    if fitted.shape != tuple(problem.model_shape):
+        name = type(problem).__name__
+        raise ContractBroken(f"{name}.refit gave a model of the shape {fitted.shape} instead of {problem.model_shape}")
+    return fitted
+
+
+def rows_of(problem: Problem, table: Array) -> Rows:
+    """The usable rows of a table of a source, with their weights if it has a column more than the problem."""
+    return Rows.of(table, problem.width).usable()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from nonsac.layouts import Array
 
 _CHANCE = 0.7  # of the expected difference: a covariance that is too small does more harm than a noisy one
 
@@ -24,8 +23,8 @@ def robust_covariance(residuals: Array, jacobian: Array, threshold: float) -> Ar
 
     The sandwich A^-1 B A^-1 of M-estimators (Huber 1981, Ch. 6 and 7): A is the second derivative of the loss, B the
     sum of squared gradients, so neither the noise level nor the share of outliers within the threshold has to be known.
-    Where all rows are alike, both are multiples of J^T W J, and the two factors are known far better than the matrices.
-    Where outliers have other derivatives than inliers, or the noise grows with the distance, that would be wrong.
+    If all rows are alike, both are multiples of J^T W J, and the two factors are known far better than the matrices.
+    If outliers have other derivatives than inliers, or the noise grows with the distance, that would be wrong.
     Therefore A and B are shrunk towards the multiples, as far as chance explains the difference (Ledoit and Wolf 2004).
     The noise being estimated, too, the parameters have Student's distribution, and the covariance is that.
 
@@ -38,7 +37,7 @@ def robust_covariance(residuals: Array, jacobian: Array, threshold: float) -> Ar
     Returns
     -------
     (p, p) float64
-        NaN where the rows do not determine the parameters, infinite where N d < p + 3.
+        NaN if the rows do not determine the parameters, infinite if N d < p + 3.
     """
     n, d, p = jacobian.shape
     ratios = (residuals**2).sum(axis=1) / threshold**2
@@ -75,7 +74,7 @@ def robust_covariance(residuals: Array, jacobian: Array, threshold: float) -> Ar
 
 
 def _whitening(weights: Array, jacobian: Array) -> Array | None:
-    """U with U^T (J^T W J) U = 1, or None where J^T W J is singular, whatever the units of the parameters."""
+    """U with U^T (J^T W J) U = 1, or None if J^T W J is singular, whatever the units of the parameters."""
     curvature = np.einsum("ndp,ndq->pq", weights[:, None, None] * jacobian, jacobian)
     scale = np.sqrt(np.diagonal(curvature))
     if not scale.all():
@@ -94,7 +93,7 @@ def _sum_of_squares(jacobian: Array, gradients: Array, of_rows: Array, of_gradie
 
 
 def at_origin(centred: Array, moved: Array) -> Array:
-    """Covariance (6, 6) or (7, 7) of w, t and perhaps log s, where `centred` is that for t at a centre c of the points.
+    """Covariance (6, 6) or (7, 7) of w, t and perhaps log s; `centred` is that for t at a centre c of the points.
 
     t = t_centred - s exp([w]x) R c, so dt = dt_centred + [m]x w - m dlog s for the moved centre m = s R c.
     """

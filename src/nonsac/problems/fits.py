@@ -1,60 +1,53 @@
-"""Robust fits of a model to rows, from a start that is nearly right."""
+"""Robust fits of any problem's model to rows, from a start that is nearly right."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from nonsac.problems.contract import Problem
-from nonsac.result import Array
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem, refitted
 
 _BLOCK = 8192
 
 
-def reweighted_fit(problem: Problem, model: Array, rows: Array, threshold: float, iterations: int) -> Array:
-    """Iteratively reweighted least squares with Tukey's biweight, which is zero beyond the threshold.
+def reweighted_fit(problem: Problem, model: Array, rows: Rows, threshold: float, iterations: int) -> Array:
+    """The fit with Tukey's biweight, which is zero beyond the threshold; the model itself if there is none.
 
-    Only rows near the start are looked at, three thresholds wide; where the fit moves far, the caller starts again.
+    Only rows near the start are looked at, three thresholds wide; if the fit moves far, the caller starts again.
     """
-    rows = rows[problem.residuals(model[None], rows)[0] < 3.0 * threshold]
-    if hasattr(problem, "refit_robustly"):
-        fitted = problem.refit_robustly(model, rows, np.ones(len(rows)), threshold, iterations)
-        return fitted if np.isfinite(fitted).all() else model
-    previous = np.zeros(len(rows))
-    for _ in range(iterations):
-        ratio = problem.residuals(model[None], rows)[0] / threshold
-        weights = np.where(ratio < 1.0, (1.0 - ratio**2) ** 2, 0.0)
-        if np.abs(weights - previous).max(initial=0.0) < 1e-9:
-            break
-        fitted = problem.refit(model, rows, weights)
-        if not np.isfinite(fitted).all():
-            break
-        model, previous = fitted, weights
-    return model
-
-
-def inlier_fit(problem: Problem, model: Array, rows: Array, threshold: float) -> Array:
-    """The least-squares model of a model's inliers, or the model itself where they do not determine one."""
-    inliers = problem.residuals(model[None], rows)[0] < threshold
-    fitted = problem.refit(model, rows, inliers.astype(np.float64))
+    near = rows[problem.residuals(model[None], rows.values)[0] < 3.0 * threshold]
+    fitted = problem.fit_robustly(model, near.values, near.times(np.ones(len(near))), threshold, iterations)
     return fitted if np.isfinite(fitted).all() else model
 
 
-def biweight_costs(problem: Problem, models: Array, rows: Array, threshold: float) -> Array:
+def inlier_fit(problem: Problem, model: Array, rows: Rows, threshold: float) -> Array:
+    """The least-squares model of a model's inliers, or the model itself if they do not determine one."""
+    inliers = problem.residuals(model[None], rows.values)[0] < threshold
+    fitted = refitted(problem, model, rows.values, rows.times(inliers.astype(np.float64)))
+    return fitted if np.isfinite(fitted).all() else model
+
+
+def biweight_costs(problem: Problem, models: Array, rows: Rows, threshold: float) -> Array:
     """Tukey's biweight loss summed over the rows, for each model: what `reweighted_fit` makes small.
 
     In units in which a row beyond the threshold costs 1; rows count by their weight. Infinite for a model of NaN.
     """
-    weights = row_weights(problem, rows)
+    weights = rows.mean_weights
     costs = np.zeros(len(models))
     for start in range(0, len(rows), _BLOCK):
         block = slice(start, start + _BLOCK)
-        ratios = np.minimum(problem.residuals(models, rows[block]) / threshold, 1.0)
+        ratios = np.minimum(problem.residuals(models, rows.values[block]) / threshold, 1.0)
         share = 1.0 - ratios * ratios
         losses = 1.0 - share * share * share  # numpy's power of 3 takes ten times as long
         costs += losses.sum(axis=1) if weights is None else losses @ weights[block]
     return np.where(np.isfinite(costs), costs, np.inf)
 
 
-def row_weights(problem: Problem, rows: Array) -> Array | None:
-    """The weights that rows carry, where the problem is `Weighted`."""
-    return problem.row_weights(rows) if hasattr(problem, "row_weights") else None
+def trials_needed(inlier_ratio: float, size: int, confidence: float) -> int:
+    """Minimal samples until one holds inliers only, with this confidence (Hartley and Zisserman, Sec. 4.7.1)."""
+    chance = min(inlier_ratio, 1.0) ** size
+    if chance >= 1.0:
+        return 1
+    if chance < 1e-15:
+        return 2**62
+    return max(1, int(np.ceil(np.log(1.0 - confidence) / np.log1p(-chance))))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nonsac.kernels.losses import likely_inliers
-
-Array = NDArray[np.float64]
+from nonsac.layouts import Array
 
 
 class Weigher(Protocol):
@@ -21,7 +20,7 @@ class Weigher(Protocol):
 
 @dataclass(frozen=True)
 class LikelyInliers:
-    """Rows weigh as much as they are likely inliers (`kernels.normal_equations.likely_inliers`).
+    """Weights each row by its probability of being an inlier (`kernels.losses.likely_inliers`).
 
     Parameters
     ----------
@@ -54,7 +53,7 @@ class NormalEquations:
         return NormalEquations(self.hessian + other.hessian, self.gradient + other.gradient)
 
     def step(self) -> Array:
-        """The parameters that solve them (p,); NaN where the rows do not determine them."""
+        """The parameters that solve them (p,); NaN if the rows do not determine them."""
         scale = np.sqrt(np.abs(np.diagonal(self.hessian)))
         if not scale.all() or not np.isfinite(scale).all():
             return np.full(len(scale), np.nan)
@@ -62,3 +61,40 @@ class NormalEquations:
         if not np.linalg.eigvalsh(scaled)[0] > 1e-12:
             return np.full(len(scale), np.nan)
         return np.asarray(-np.linalg.solve(scaled, self.gradient / scale) / scale)
+
+
+class Streaming(ABC):
+    """What a problem has to know so that an answer can be fitted to any number of rows, in passes over them.
+
+    Newton's method on parameters about a pivot: each pass adds up the normal equations of pieces of the rows.
+    """
+
+    @property
+    def streaming(self) -> Self:
+        return self
+
+    @abstractmethod
+    def pivot(self, rows: Array) -> Array:
+        """A point (3,) amid the rows, about which the parameters are taken."""
+
+    @abstractmethod
+    def normal_equations(
+        self, model: Array, rows: Array, weigher: Weigher, pivot: Array
+    ) -> tuple[NormalEquations, Array]:
+        """The sums over rows (N, D) at a model, and the residuals (N,)."""
+
+    @abstractmethod
+    def moved(self, model: Array, step: Array, pivot: Array) -> Array:
+        """The model after a step of its parameters."""
+
+
+def weighted(weigher: Weigher, factors: Array | None) -> Weigher:
+    """The weigher, its weights times those that the rows carry."""
+    if factors is None:
+        return weigher
+
+    def scaled(residuals: Array) -> tuple[Array, Array]:
+        weights, curvatures = weigher(residuals)
+        return weights * factors, curvatures * factors
+
+    return scaled

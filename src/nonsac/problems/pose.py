@@ -1,11 +1,10 @@
-"""What the two camera pose problems share."""
+"""What problems whose models are motions share."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from nonsac.layouts import Array
 
 _LARGEST_ROTATION_SIGMA = 0.17
 
@@ -19,8 +18,18 @@ def positive(name: str, value: float) -> float:
     return float(value)
 
 
+def homogeneous(model: Array) -> Array:
+    """A model (3, 4) as a matrix (4, 4)."""
+    T = np.eye(4)
+    T[:3] = model
+    return T
+
+
 def rotation_distance(a: Array, b: Array) -> Array:
-    """Angle between the rotations of models (..., 3, 4), in degrees: 2 asin(|A - B|_F / sqrt 8)."""
+    """Angle between the rotations of models (..., 3, 3 or 4), in degrees.
+
+    2 asin(|A - B|_F / sqrt 8) keeps its digits at small angles, where the arc cosine of the trace loses half of them.
+    """
     difference = np.asarray(a)[..., :3, :3] - np.asarray(b)[..., :3, :3]
     chord = np.sqrt((difference**2).sum(axis=(-2, -1)) / 8.0)
     return np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,16 @@ from nonsac.kernels.registration import (
     registration_matrix,
     registration_residuals,
 )
+from nonsac.layouts import PAIRS, Array
+from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, robust_covariance
-from nonsac.problems.normal_equations import NormalEquations, Weigher
-
-Array = NDArray[np.float64]
+from nonsac.problems.noise import Noise
+from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
+from nonsac.problems.pose import homogeneous, rotation_distance
 
 
 @dataclass(frozen=True)
-class Registration:
+class Registration(Streaming, Problem):
     """b = s R a + t for rows (a, b) of six numbers `x1 y1 z1 x2 y2 z2`; the residual is |b - s R a - t|.
 
     Parameters
@@ -34,10 +36,9 @@ class Registration:
 
     scale: float | None = 1.0
 
-    width: ClassVar[int] = 6
-    minimal_size: ClassVar[int] = 3
-    split: ClassVar[int] = 3
-    residual_dimension: ClassVar[int] = 3
+    layout = PAIRS
+    minimal_size = 3
+    residual_dimension = 3
 
     def __post_init__(self) -> None:
         if self.scale is None:
@@ -58,7 +59,9 @@ class Registration:
         registration_residuals(models, np.ascontiguousarray(rows.T), residuals)
         return residuals
 
-    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
+    def count_inliers(self, models: Array, rows: Array, threshold: float, weights: Array | None = None) -> NDArray[Any]:
+        if weights is not None:
+            return super().count_inliers(models, rows, threshold, weights)
         # Single precision is twice as fast; near the origin, in units of the threshold, its error does not matter.
         shift = centre(rows)
         scaled = models.copy()
@@ -72,15 +75,15 @@ class Registration:
         """Weighted least squares in closed form (Horn 1987; Umeyama 1991 for the scale)."""
         fitted = np.empty((3, 4))
         determined = fit_similarity(np.ascontiguousarray(rows), weights, self.scale is None, self.scale or 1.0, fitted)
-        return fitted if determined else np.full((3, 4), np.nan)
+        return fitted if determined else self.no_model
 
-    def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
+    def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
         """False for collinear inliers: the rotation about their line would be uncertain by ten degrees or more."""
         halves = (inliers[:, :3], inliers[:, 3:])
         spread = min(np.linalg.svd(half - half.mean(axis=0), compute_uv=False)[1] for half in halves)
-        return bool(threshold / 5.0 < 0.17 * spread)
+        return bool(noise.sigma < 0.17 * spread)
 
-    def covariance(self, model: Array, inliers: Array, threshold: float) -> Array:
+    def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t.
 
         With a free scale (7, 7), with the logarithm of the scale last.
@@ -88,7 +91,7 @@ class Registration:
         origin = centre(inliers)[:3]
         moved = (inliers[:, :3] - origin) @ model[:, :3].T
         residuals = moved - (inliers[:, 3:] - (model[:, :3] @ origin + model[:, 3]))
-        centred = robust_covariance(residuals, _slopes(moved, self.scale is None), threshold)
+        centred = robust_covariance(residuals, _slopes(moved, self.scale is None), noise.threshold)
         return at_origin(centred, model[:, :3] @ origin)
 
     def pivot(self, rows: Array) -> Array:
@@ -115,11 +118,12 @@ class Registration:
         moved[:, 3] = place + step[3:6] - moved[:, :3] @ pivot
         return moved
 
+    def transform(self, model: Array) -> Array:
+        return homogeneous(model)
+
     def distance(self, a: Array, b: Array) -> Array:
-        """Angle between the rotations, in degrees: 2 asin(|A - B|_F / sqrt 8) keeps its digits at small angles."""
-        difference = _rotations(a) - _rotations(b)
-        chord = np.sqrt((difference**2).sum(axis=(-2, -1)) / 8.0)
-        return np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0)))
+        """Angle between the rotations, in degrees."""
+        return rotation_distance(_rotations(a), _rotations(b))
 
 
 def centre(rows: Array) -> Array:

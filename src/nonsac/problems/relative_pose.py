@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +19,24 @@ from nonsac.kernels.sampson import (
     sampson_equations,
     sampson_jacobian,
 )
+from nonsac.layouts import MATCHES, Array
+from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import least_squares_covariance, robust_covariance
-from nonsac.problems.normal_equations import NormalEquations, Weigher
-from nonsac.problems.pose import positive, rotation_distance, rotation_is_certain, spread_out
-from nonsac.problems.special_case import Simpler
+from nonsac.problems.noise import Noise
+from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
+from nonsac.problems.pose import homogeneous, positive, rotation_distance, rotation_is_certain, spread_out
+from nonsac.problems.special_case import SpecialCase
 from nonsac.problems.two_view import plane_of, pose_of_same_plane, rotation_of, transfer_errors
-
-Array = NDArray[np.float64]
 
 _PLANE_ROWS = 300
 
 
 @dataclass(frozen=True)
-class RelativePose:
+class RelativePose(Streaming, Problem):
     """X2 = R X1 + t with |t| = 1, for rows `x1 y1 x2 y2` of normalised image coordinates in two cameras.
 
     The residual is Sampson's first-order distance to the epipolar geometry (Sampson 1982; Luong and Faugeras 1996),
-    in pixels where the focal lengths are given, and in normalised coordinates otherwise. A match whose rays meet behind
+    in pixels if the focal lengths are given, and in normalised coordinates otherwise. A match whose rays meet behind
     a camera is as far away as the nearest match of a point at infinity.
 
     Parameters
@@ -47,10 +48,8 @@ class RelativePose:
     focal1: float = 1.0
     focal2: float = 1.0
 
-    width: ClassVar[int] = 4
-    minimal_size: ClassVar[int] = 5
-    split: ClassVar[int] = 2
-    residual_dimension: ClassVar[int] = 1
+    layout = MATCHES
+    minimal_size = 5
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "focal1", positive("focal1", self.focal1))
@@ -70,7 +69,9 @@ class RelativePose:
         epipolar_residuals(geometries, self._columns(rows), residuals)
         return residuals
 
-    def count_inliers(self, models: Array, rows: Array, threshold: float) -> NDArray[np.int64]:
+    def count_inliers(self, models: Array, rows: Array, threshold: float, weights: Array | None = None) -> NDArray[Any]:
+        if weights is not None:
+            return super().count_inliers(models, rows, threshold, weights)
         # Single precision is twice as fast; in units of the threshold its error does not matter.
         in_thresholds = RelativePose(self.focal1 / threshold, self.focal2 / threshold)
         columns = in_thresholds._columns(rows).astype(np.float32)
@@ -80,36 +81,36 @@ class RelativePose:
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:
         """Weighted least squares in the Sampson residuals, by Levenberg and Marquardt's method from `model`."""
-        return self.refit_robustly(model, rows, weights, np.inf, 50)
+        return self.fit_robustly(model, rows, weights, np.inf, 50)
 
-    def refit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
+    def fit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
         """The same with Tukey's biweight loss, which is constant beyond the threshold."""
         fitted = np.array(model, np.float64)
         if np.count_nonzero(weights) < self.minimal_size or not np.isfinite(fitted).all():
-            return np.full((3, 4), np.nan)
+            return self.no_model
         ok = fit_pose(
             self._columns(rows), weights, float(threshold), iterations, np.array([self.focal1, self.focal2]), fitted
         )
-        return fitted if ok else np.full((3, 4), np.nan)
+        return fitted if ok else self.no_model
 
-    def determined(self, model: Array, inliers: Array, threshold: float) -> bool:
+    def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
         """Whether rotation and direction of the translation are known to ten and twenty degrees.
 
-        Points on a plane determine them up to a second solution (see `simpler_models`).
+        Points on a plane determine them up to a second solution (see `special_cases`).
         """
         if not np.isfinite(model).all():
             return len(inliers) >= self.minimal_size and all(spread_out(half) for half in np.hsplit(inliers, 2))
-        covariance = least_squares_covariance(self._derivatives(model, inliers)[1], threshold / 5.0)
+        covariance = least_squares_covariance(self._derivatives(model, inliers)[1], noise.sigma)
         block = covariance[3:, 3:]
         direction_is_certain = np.isfinite(block).all() and np.linalg.eigvalsh(block)[-1] < 0.35**2
         return bool(direction_is_certain) and rotation_is_certain(covariance)
 
-    def simpler_models(self, model: Array, inliers: Array, threshold: float) -> tuple[Simpler, ...]:
+    def special_cases(self, model: Array, inliers: Array, noise: Noise) -> tuple[SpecialCase, ...]:
         """What a pure rotation, and a planar scene, explain of these inliers.
 
         A rotation without a baseline leaves the direction of t open; a plane allows a second pose.
         """
-        at_infinity = np.zeros(3)
+        at_infinity, threshold = np.zeros(3), noise.threshold
         turned = rotation_of(model, inliers, lambda turned: self._transfer_error(turned, at_infinity, inliers))
         by_rotation = self._transfer_error(turned, at_infinity, inliers) < threshold
         some = inliers[:: max(1, len(inliers) // _PLANE_ROWS)]
@@ -119,17 +120,17 @@ class RelativePose:
         if by_plane.mean() > 0.5:
             found = pose_of_same_plane(model, plane, inliers[by_plane])
             even = np.ones(len(inliers))
-            others = np.array([self.refit_robustly(other, inliers, even, 2.0 * threshold, 20) for other in found])
+            others = np.array([self.fit_robustly(other, inliers, even, 2.0 * threshold, 20) for other in found])
             others = others[np.isfinite(others).all(axis=(1, 2))] if len(others) else found
         return (
-            Simpler("pure rotation", by_rotation, determined=False),
-            Simpler("planar", by_plane, determined=True, others=others),
+            SpecialCase("pure rotation", by_rotation, determined=False),
+            SpecialCase("planar", by_plane, determined=True, others=others),
         )
 
-    def covariance(self, model: Array, inliers: Array, threshold: float) -> Array:
+    def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (5, 5) of the rotation vector w (R exp: exp([w]x) R, radians) and of t in its tangent plane."""
         residuals, jacobian = self._derivatives(model, inliers)
-        return robust_covariance(residuals[:, None], jacobian[:, None], threshold)
+        return robust_covariance(residuals[:, None], jacobian[:, None], noise.threshold)
 
     def pivot(self, rows: Array) -> Array:
         """The first camera; there is no other place to turn about."""
@@ -151,6 +152,9 @@ class RelativePose:
         moved = np.empty((3, 4))
         move(np.ascontiguousarray(model), step, moved)
         return moved
+
+    def transform(self, model: Array) -> Array:
+        return homogeneous(model)
 
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""

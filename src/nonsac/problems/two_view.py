@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from nonsac.layouts import Array
 
 _TRIPLETS = 40
 
@@ -15,7 +14,7 @@ _TRIPLETS = 40
 def seen_through_plane(model: Array, plane: Array, points: Array) -> Array:
     """Where the second camera sees points (n, 2) of the first one that lie on the plane n . X = 1: (n, 2).
 
-    The homography R + t n^T (Hartley and Zisserman, Sec. 13.1); a zero plane is the plane at infinity. NaN where the
+    The homography R + t n^T (Hartley and Zisserman, Sec. 13.1); a zero plane is the plane at infinity. NaN if the
     point is not in front of the second camera.
     """
     moved = points @ (model[:, :2] + np.outer(model[:, 3], plane[:2])).T + model[:, 2] + plane[2] * model[:, 3]
@@ -94,7 +93,7 @@ def _inverse_depths(model: Array, rows: Array) -> tuple[Array, Array]:
 def pose_of_same_plane(model: Array, plane: Array, rows: Array) -> Array:
     """The other poses (K, 3, 4) that give the same homography with all points in front of both cameras.
 
-    At most one, or two where the pose itself has points behind a camera.
+    At most one, or two if the pose itself has points behind a camera.
 
     The analytical decomposition of a homography (Ma, Soatto, Kosecka and Sastry, "An Invitation to 3-D Vision",
     Sec. 5.3.3).

@@ -14,18 +14,20 @@ from time import perf_counter
 import numpy as np
 
 from nonsac.evaluation import rotation_error
+from nonsac.layouts import Array
 from nonsac.method.scoring import FixedSample, Ideal, paper_rules, select
 from nonsac.method.search import SampleTask
 from nonsac.problems.contract import Problem
+from nonsac.problems.noise import Noise
 from nonsac.reproduce.experiments import Experiment
-from nonsac.result import Array, Hypothesis, threshold_of
+from nonsac.result import Hypothesis
 from nonsac.sources import ArraySource
 
 __all__ = ["RULES", "SHOWN_RULES", "Cell", "Trial", "TrialTask", "run_trial", "selected_models"]
 
 # In the order of Table 2; `refined` is the default pipeline of this package.
 RULES = ("ideal", "fixed", *(rule.name for rule in paper_rules()), "refined")
-# Where all of them would be too many.
+# If all of them would be too many.
 SHOWN_RULES = ("ideal", "fixed", "most_inliers", "minimum_mean", "tlp_0.1", "refined")
 
 
@@ -78,7 +80,7 @@ def run_trial(cell: Cell, seed: int, number: int) -> Trial:
         ArraySource(rows),
         experiment.problem,
         experiment.estimator,
-        threshold_of(cell.noise),
+        Noise.given(cell.noise),
         cell.sample_size,
         int(rng.integers(2**63)),
     )
@@ -89,7 +91,7 @@ def run_trial(cell: Cell, seed: int, number: int) -> Trial:
         fixed = _with_fixed_sample(task, m)
         middle = perf_counter()
         refined = experiment.refined(
-            task.union(m), noise=cell.noise, max_samples=m, sample_size=cell.sample_size, rng=task.seed
+            task.union(m).values, noise=cell.noise, max_samples=m, sample_size=cell.sample_size, rng=task.seed
         )
         end = perf_counter()
         seen = _as_the_rules_see(hypotheses[:m], experiment)
@@ -117,7 +119,7 @@ def _with_fixed_sample(task: SampleTask, m: int) -> Hypothesis:
 
 
 def _as_the_rules_see(hypotheses: Sequence[Hypothesis], experiment: Experiment) -> list[Hypothesis]:
-    """With residuals and threshold as the paper has them, squared where it squares them."""
+    """With residuals and threshold as the paper has them, squared if it squares them."""
     power = experiment.residual_power
     return [replace(h, residuals=h.residuals**power, threshold=h.threshold**power) for h in hypotheses]
 

@@ -19,9 +19,10 @@ from nonsac.calls.pairs import register_pairs
 from nonsac.calls.poses import absolute_pose, relative_pose
 from nonsac.estimators import Pcr99, Ransac
 from nonsac.estimators.contract import Estimator
+from nonsac.layouts import Array
 from nonsac.problems import AbsolutePose, Registration, RelativePose
 from nonsac.problems.contract import Problem
-from nonsac.result import Array, Result
+from nonsac.result import Result
 
 __all__ = ["EXPERIMENTS", "Experiment", "chosen"]
 
@@ -46,7 +47,7 @@ class Experiment:
     outlier_ratios, noises, sample_size
         The grid of the table, and the paper's N.
     residual_power : int
-        2 where the rules of the paper see squared residuals, as with Sampson errors (Sec. 4.1).
+        2 if the rules of the paper see squared residuals, as with Sampson errors (Sec. 4.1).
     """
 
     name: str
@@ -99,7 +100,7 @@ EXPERIMENTS = {
             RelativePose(),
             Ransac(5000),
             _relative,
-            partial(_by_default, relative_pose, RelativePose.split),
+            partial(_by_default, relative_pose, 2),
             outlier_ratios=(0.65, 0.7, 0.75, 0.8, 0.85, 0.9),
             noises=(0.002, 0.0025, 0.01),
             sample_size=1000,
@@ -111,7 +112,7 @@ EXPERIMENTS = {
             AbsolutePose(),
             Ransac(2000),
             _absolute,
-            partial(_by_default, absolute_pose, AbsolutePose.split),
+            partial(_by_default, absolute_pose, 2),
             outlier_ratios=(0.92, 0.93, 0.94, 0.95, 0.96, 0.97),
             noises=(0.005, 0.01, 0.02),
             sample_size=1000,
@@ -122,7 +123,7 @@ EXPERIMENTS = {
             Registration(),
             replace(Pcr99.for_pairs(), refit="once"),
             _pairs,
-            partial(_by_default, register_pairs, Registration.split),
+            partial(_by_default, register_pairs, 3),
             outlier_ratios=(0.99, 0.991, 0.992, 0.993, 0.994, 0.995),
             noises=(0.01, 0.0125, 0.02),
             sample_size=2000,

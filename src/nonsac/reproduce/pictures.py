@@ -181,7 +181,7 @@ def _width(report: Report) -> float:
 def _panels(
     figure: Figure | SubFigure, report: Report, left: float, bottom: float, top: float, gap: float = 0.08
 ) -> dict[str, Axes]:
-    """One for each problem, side by side; `left` is the margin where there are three."""
+    """One for each problem, side by side; `left` is the margin if there are three."""
     names = _problems(report)
     row: Sequence[Axes] = figure.subplots(1, len(names), squeeze=False)[0]
     figure.subplots_adjust(left * 15.0 / _width(report), bottom, 0.985, top, gap)

@@ -22,7 +22,7 @@ Progress = Callable[[int, int], object]
 
 @dataclass(frozen=True)
 class Plan:
-    """Cells, how many trials each has, and the seed; `settings` is what has to agree where a run goes on."""
+    """Cells, how many trials each has, and the seed; `settings` is what has to agree if a run goes on."""
 
     cells: tuple[Cell, ...]
     trials: int

@@ -51,7 +51,7 @@ def run(
     Raises
     ------
     ValueError
-        Where an argument is out of its range, or the journal belongs to another run.
+        If an argument is out of its range, or the journal belongs to another run.
     """
     plan = _plan(problems, trials, seed)
     outcomes = run_trials(plan, workers, progress, journal, resume)

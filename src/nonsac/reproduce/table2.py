@@ -87,13 +87,13 @@ def run(
     -------
     dict
         Ready for JSON. For each problem and m the mAA of each rule, averaged over the cells; `cells` with those of each
-        cell; `percentiles` of all rotation errors (degrees; 180 where an estimate failed); `claims`, how `refined`
+        cell; `percentiles` of all rotation errors (degrees; 180 if an estimate failed); `claims`, how `refined`
         judged its own answers; `settings`; `seconds`, medians for one trial.
 
     Raises
     ------
     ValueError
-        Where an argument is out of its range, or the journal belongs to another run.
+        If an argument is out of its range, or the journal belongs to another run.
     """
     plan = _plan(problems, samples, trials, seed)
     outcomes = run_trials(plan, workers, progress, journal, resume)

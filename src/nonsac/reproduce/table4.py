@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac import plot
 from nonsac.calls.clouds import register_clouds
+from nonsac.calls.estimate import estimate
 from nonsac.estimators import Pcr99
 from nonsac.evaluation import mean_average_accuracy, rotation_error
 from nonsac.io import read_cloud
-from nonsac.method.pipeline import estimate
 from nonsac.problems import Registration
 from nonsac.reproduce import summaries
 from nonsac.reproduce.cells import selected_models
@@ -106,12 +106,12 @@ def run(
         Ready for JSON: `rows` (mAA at 5, 10, 15 and 20 degrees by rule, in the paper's order), `median_rotation_deg`
         (a failed trial counts as 180), `seconds_per_trial` (medians), `claimed` (how many of the `refined` results
         claimed success, and how many of those were off by `wrong_above_deg` or more), `settings`, and all `errors`
-        (None where a trial failed) and `times`.
+        (None if a trial failed) and `times`.
 
     Raises
     ------
     ValueError
-        Where the cloud has too few points or `trials` is below 1.
+        If the cloud has too few points or `trials` is below 1.
     """
     if trials < 1:
         raise ValueError(f"trials must be at least 1, got {trials!r}")

@@ -17,30 +17,35 @@ _PATIENCE = 10.0  # seconds between looks at whether a cluster still has workers
 _ADDRESSES = ("tcp://", "tls://", "ucx://", "ws://", "wss://", "inproc://")
 
 
-def ordered_map(task: Callable[[int], Outcome], count: int, workers: Workers = None) -> Iterator[Outcome]:
+def ordered_map(
+    task: Callable[[int], Outcome],
+    count: int,
+    workers: Workers = None,
+    pack: Callable[[int], Callable[[int], Outcome]] | None = None,
+) -> Iterator[Outcome]:
     """`task(0)`, `task(1)`, ... in this order, computed ahead by the workers.
 
-    What is yielded does not depend on the workers: a caller that stops after k outcomes has seen the same k for any
-    number and kind of them. Tasks that were computed ahead in vain are dropped. Where workers die, what they have not
-    done is done by others, or in this process.
+    The first k results are the same for any workers, and a caller may stop after any k: tasks that were computed ahead
+    in vain are dropped. If workers die, what they have not done is done by others, or in this process.
 
     Parameters
     ----------
     task : callable
-        Must be picklable where `workers` is a pool of processes or a cluster. Where it has a method `packed(number)`,
-        what that gives is sent in its place.
+        Must be picklable if `workers` is a pool of processes or a cluster.
     workers : None (one thread for each core), a number of threads, or an executor, which is left running
         See `parsed` for Dask.
+    pack : callable, optional
+        From a number to what is sent to an executor in place of the task: the same, with what it needs there.
     """
     pool = parsed(workers)
     if isinstance(pool, Executor):
-        yield from _ahead(task, 0, count, pool, width_of(pool))
+        yield from _ahead(pack or (lambda _: task), 0, count, pool, width_of(pool))
         return
     if pool == 1 or count == 1:
         yield from map(task, range(count))
         return
     with ThreadPoolExecutor(pool, thread_name_prefix="nonsac") as threads:
-        yield from _ahead(task, 0, count, threads, pool)
+        yield from _ahead(lambda _: task, 0, count, threads, pool)
 
 
 def parsed(workers: object) -> int | Executor:
@@ -55,7 +60,7 @@ def parsed(workers: object) -> int | Executor:
     Raises
     ------
     ValueError
-        Where it is something else, or there is no such client or scheduler.
+        If it is something else, or there is no such client or scheduler.
     """
     if workers is None:
         return cores()
@@ -89,16 +94,17 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def _ahead(task: Callable[[int], Outcome], first: int, count: int, pool: Executor, width: int) -> Iterator[Outcome]:
-    """The tasks from a number on; the rest in threads of this process where the pool is lost."""
+def _ahead(
+    pack: Callable[[int], Callable[[int], Outcome]], first: int, count: int, pool: Executor, width: int
+) -> Iterator[Outcome]:
+    """The tasks from a number on; the rest in threads of this process if the pool is lost."""
     pending: deque[Future[Outcome]] = deque()
     submitted = done = first
     try:
         while done < count:
             try:
                 while submitted < count and len(pending) < 2 * width:
-                    packed = task.packed(submitted) if hasattr(task, "packed") else task
-                    pending.append(pool.submit(packed, submitted))
+                    pending.append(pool.submit(pack(submitted), submitted))
                     submitted += 1
                 outcome = _waited_for(pending.popleft(), pool)
             except (BrokenExecutor, CancelledError) as error:
@@ -112,7 +118,7 @@ def _ahead(task: Callable[[int], Outcome], first: int, count: int, pool: Executo
             future.cancel()
     if done < count:
         with ThreadPoolExecutor(cores(), thread_name_prefix="nonsac") as threads:
-            yield from _ahead(task, done, count, threads, cores())
+            yield from _ahead(pack, done, count, threads, cores())
 
 
 def _waited_for(future: Future[Outcome], pool: Executor) -> Outcome:

@@ -66,7 +66,7 @@ class Journal:
                     "go on there with resume (--resume), or remove it"
                 )
             _check_settings(self.path, before, json.loads(header)["settings"])
-            os.truncate(self.path, end)  # the last line is torn where the run was killed
+            os.truncate(self.path, end)  # the last line is torn if the run was killed
         except BaseException:
             self._file.close()
             raise
@@ -110,7 +110,7 @@ def _line(content: Any) -> bytes:
 
 
 def _opened(path: Path) -> BinaryIO:
-    """The file, locked where the system can: the records of two runs would be mixed up."""
+    """The file, locked if the system can: the records of two runs would be mixed up."""
     file: BinaryIO = path.open("ab", buffering=0)
     try:
         _lock(file, path)

@@ -7,8 +7,6 @@ import sys
 from numbers import Real
 from typing import Any
 
-import numpy as np
-
 _FACTORS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "KI": 2**10, "MI": 2**20, "GI": 2**30, "TI": 2**40}
 _PATTERN = re.compile(r"\s*([0-9.]+(?:e[+]?[0-9]+)?)\s*([KMGT]I?)?B?\s*", re.IGNORECASE)
 
@@ -23,7 +21,7 @@ def bytes_of(text: object, name: str = "max_memory") -> int:
     Raises
     ------
     ValueError
-        Where it is neither; the message has `name`.
+        If it is neither; the message has `name`.
     """
     match = _PATTERN.fullmatch(text) if isinstance(text, str) else None
     try:
@@ -47,13 +45,12 @@ def bytes_for(rows: int, source: Any) -> int:
 
 
 def bytes_of_block(source: Any) -> int:
-    """How many bytes the reading of a block takes at its peak, where rows come in blocks, and for each worker."""
-    block = int(np.diff(getattr(source, "block_starts", (0, 0))).max(initial=0))
-    return _BLOCKS * 8 * source.width * block
+    """How many bytes the reading of a block takes at its peak, for each worker; 0 if rows are read one by one."""
+    return int(_BLOCKS * 8 * source.width * source.about.largest_block)
 
 
 def peak_memory() -> int | None:
-    """The most bytes that this process has held at once so far, shared libraries included; None where nobody tells."""
+    """The most bytes that this process has held so far, libraries included; None if the system does not report it."""
     try:
         import resource
     except ImportError:  # Windows

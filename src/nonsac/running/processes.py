@@ -29,7 +29,7 @@ class CannotStart(RuntimeError):
 
 
 class WorkerProcesses(Executor):
-    """Threads of this process, each with a process of its own that is replaced where it dies.
+    """Threads of this process, each with a process of its own that is replaced if it dies.
 
     A pool of `concurrent.futures` breaks as a whole, and does not tell which task killed it. The processes are spawned,
     because a fork would copy the locks of running threads.
@@ -107,7 +107,7 @@ class _Worker:
         theirs.close()  # so that its death closes the pipe
 
     def ask(self, message: bytes) -> tuple[bool, Any]:
-        """The answer to a request; EOFError or OSError where the process dies."""
+        """The answer to a request; EOFError or OSError if the process dies."""
         self._wait_until_ready()
         self._pipe.send_bytes(message)
         answer: tuple[bool, Any] = pickle.loads(self._pipe.recv_bytes())
@@ -161,7 +161,7 @@ def _answer(message: bytes) -> bytes:
 
 
 def _portable(error: Exception) -> Exception:
-    """The error itself, where it survives the journey."""
+    """The error itself, if it survives the journey."""
     try:
         return pickle.loads(pickle.dumps(error))
     except Exception:

@@ -32,7 +32,7 @@ class Pairs:
     T : ndarray, shape (4, 4)
         The true transform, from source to target.
     inliers : ndarray of bool, shape (n,)
-        True where the match is a true one.
+        Whether each match is a true one.
     """
 
     source: Floats
@@ -52,7 +52,7 @@ class ImageMatches:
     T : ndarray, shape (4, 4)
         The true pose, from the first camera to the second; the length of its translation is 1.
     inliers : ndarray of bool, shape (n,)
-        True where the match is a true one.
+        Whether each match is a true one.
     """
 
     points1: Floats
@@ -74,7 +74,7 @@ class PointMatches:
     T : ndarray, shape (4, 4)
         The true pose, from the world to the camera, whose centre is 1 from the origin.
     inliers : ndarray of bool, shape (n,)
-        True where the match is a true one.
+        Whether each match is a true one.
     """
 
     points2d: Floats

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.sources.contract import About, Source
 
-class ArraySource:
+
+class ArraySource(Source):
     """Rows of a (n, D) array of any real dtype and memory order; the array is neither copied nor converted whole.
 
     A memory map, or a view of one, travels to workers as a description of where it lies in its file.
+
+    Parameters
+    ----------
+    rows : (n, D) array
+    names : sequence of str, optional
+        What the columns are called, if calls are to find theirs by name.
     """
 
-    def __init__(self, rows: ArrayLike) -> None:
+    def __init__(self, rows: ArrayLike, names: Sequence[str] | None = None) -> None:
         if np.ma.isMaskedArray(rows):
             raise TypeError("rows must not be a masked array; pass rows.filled(numpy.nan) to have masked rows dropped")
         self.rows = np.asanyarray(rows)
@@ -25,14 +33,14 @@ class ArraySource:
             raise ValueError(f"rows must be a (n, D) array, got shape {self.rows.shape}")
         if self.rows.dtype.kind not in "fiu":
             raise TypeError(f"rows must be an array of real numbers, got dtype {self.rows.dtype}")
+        self.width = int(self.rows.shape[1])
+        self.names = None if names is None else tuple(names)
+        if self.names is not None and len(self.names) != self.width:
+            raise ValueError(f"names must have one for each of {self.width} columns, got {len(self.names)}")
 
     @property
-    def width(self) -> int:
-        return int(self.rows.shape[1])
-
-    @property
-    def in_memory(self) -> bool:
-        return _mapping_of(self.rows) is None
+    def about(self) -> About:
+        return About(self.names, in_memory=_mapping_of(self.rows) is None)
 
     def __len__(self) -> int:
         return int(self.rows.shape[0])
@@ -46,11 +54,11 @@ class ArraySource:
             yield np.array(self.rows[first : min(first + rows, stop)], np.float64, order="C")
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"rows": _mapping_of(self.rows) or self.rows}
+        return vars(self) | {"rows": _mapping_of(self.rows) or self.rows}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         rows = state["rows"]
-        self.rows = rows.map_again() if isinstance(rows, _Mapping) else rows
+        vars(self).update(state | {"rows": rows.map_again() if isinstance(rows, _Mapping) else rows})
 
 
 class _Mapping(NamedTuple):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.sources.records import check_rows
+from nonsac.sources.contract import About, Source
 
 _BLOCK_BYTES = 2 << 20
 
 
-class BlockSource(ABC):
+class BlockSource(Source):
     """What a source of blocks has in common with the others of its kind; it reads each block once for a call.
 
     Parameters
@@ -29,6 +29,10 @@ class BlockSource(ABC):
         self.block_starts = block_starts
         self.width = width
 
+    @property
+    def about(self) -> About:
+        return About(blocks=self.block_starts)
+
     @abstractmethod
     def read_block(self, block: int) -> NDArray[np.float64]:
         """All rows of a block (k, D)."""
@@ -37,7 +41,7 @@ class BlockSource(ABC):
         return int(self.block_starts[-1])
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        indices = check_rows(indices, len(self))
+        indices = self.checked(indices)
         taken = np.empty((len(indices), self.width))
         order = np.argsort(indices, kind="stable")
         bounds = np.searchsorted(indices[order], self.block_starts)

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from nonsac.files.errors import FilePath, input_error, not_held
-from nonsac.layouts import WEIGHT, Columns
+from nonsac.layouts import WEIGHT, Layout
 from nonsac.sources.contract import Source
-from nonsac.sources.mapped import ColumnMap, MappedSource
 
 
 def choose_columns(
@@ -85,45 +84,45 @@ def read_columns(array: Any, first: int, last: int, columns: list[int]) -> NDArr
     return np.asarray(array[first:last, low:high], np.float64)[:, np.subtract(columns, low)]
 
 
-def pick_columns(source: Source, columns: Columns) -> Source:
-    """The source with the columns of these names, and the weight, if it has them; else as it is, if it fits.
+def arranged(source: Source, layout: Layout) -> Source:
+    """The source with the columns of a layout, in its order, and with its weight in the last column, if it has one.
 
-    As it is, too, where `open_source` was told which columns to take: their order is that of the user.
+    If the source names its columns, they are found by name, in whatever case; if not, it must have as many as the
+    layout, or one more for a weight.
 
     Raises
     ------
     ValueError
-        Where it has another number of columns, or some of these names at other places and lacks the rest; the message
-        says how many, and which.
+        If some are missing; the message says which, and what the source has.
     """
-    names, width = tuple(getattr(source, "names", None) or ()), len(columns.names)
-    given = getattr(source, "columns_given", False)
-    places = [None if given else _place(name, names) for name in columns.names]
-    chosen = [names[place] for place in places if place is not None]
-    if len(chosen) == width:
-        return _with_columns(source, [*chosen, WEIGHT] if WEIGHT in names else chosen)
-    held = f"rows of {source.width} columns" + (f" ({' '.join(names)})" if names else "")
-    if source.width not in (width, width + 1):
-        expected = f"{width} ({' '.join(columns.names)}), or {width + 1} with a weight"
-        raise ValueError(f"{held}, not of {expected}; choose columns")
-    if any(place not in (None, position) for position, place in enumerate(places)):
-        missing = " ".join(name for name, place in zip(columns.names, places, strict=True) if place is None)
-        raise ValueError(f"{held}, of which none is called {missing}; rename the columns, or choose others")
-    return source
+    names, width = source.about.names, len(layout.names)
+    if names is None:
+        if source.width not in (width, width + 1):
+            transposed = len(source) in (width, width + 1)
+            raise ValueError(unfit(source.width, layout, "transpose it, one row per match" if transposed else ""))
+        return source
+    places = [place_of(name, names) for name in layout.names]
+    missing = [name for name, place in zip(layout.names, places, strict=True) if place is None]
+    if missing:
+        wanted = " ".join(layout.names)
+        raise ValueError(
+            f"rows of {source.width} columns ({' '.join(names)}), of which none is called {' '.join(missing)}; rename "
+            f"the columns, or choose them, by name or position, in the order of {wanted}"
+        )
+    chosen = [place for place in (*places, place_of(WEIGHT, names)) if place is not None]
+    return source if chosen == list(range(source.width)) else source.narrowed(chosen)
 
 
-def _place(name: str, names: Sequence[str]) -> int | None:
+def unfit(held: int, layout: Layout, fix: str = "") -> str:
+    """Says that rows without names have another number of columns than a layout, and what to do."""
+    width = len(layout.names)
+    fix = fix or ("choose columns" if held > width else f"choose columns of a table that has all {width}")
+    return f"rows of {held} columns, not of {width} ({' '.join(layout.names)}), or {width + 1} with a weight; {fix}"
+
+
+def place_of(name: str, names: Sequence[str]) -> int | None:
     """Where a name is, in whatever case; the exact one is preferred."""
     if name in names:
         return names.index(name)
     folded = [other.lower() for other in names]
     return folded.index(name.lower()) if folded.count(name.lower()) == 1 else None
-
-
-def _with_columns(source: Source, chosen: Sequence[str]) -> Source:
-    names = list(source.names)  # type: ignore[attr-defined]
-    if list(chosen) == names:
-        return source
-    if hasattr(source, "with_columns"):
-        return source.with_columns(chosen)
-    return MappedSource(source, ColumnMap(tuple(names.index(name) for name in chosen)))

@@ -54,7 +54,8 @@ class Hdf5Source(WrappedSource):
             chosen = choose_columns(file.path, columns, sum(widths), held)
             runs = [(datasets[number], picked) for number, picked in split_columns(chosen, widths)]
             rows = _contiguous(file, runs) or _Hdf5Blocks(file, count, runs)
-        super().__init__(rows, file.path, held and tuple(held[position] for position in chosen))
+        names = held and tuple(held[position] for position in chosen)
+        super().__init__(rows, file.path, names, columns is not None)
 
 
 def _contiguous(file: PositionedFile, runs: Sequence[Run]) -> RecordSource | None:

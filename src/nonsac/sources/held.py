@@ -4,37 +4,35 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from nonsac.sources.contract import Source
+from nonsac.sources.contract import About, Source
 
 
-class HeldSource:
+class HeldSource(Source):
     """A source of which no row is read twice: `take` keeps what it reads.
 
     To take a row from a compressed block is to read the block. A random sample has rows in nearly all blocks, so one
-    reading serves all samples where these are asked for together. What is kept does not travel: in a pickle this is the
+    reading serves all samples if these are asked for together. What is kept does not travel: in a pickle this is the
     source itself, and tasks elsewhere are sent the rows of their sample.
     """
-
-    in_memory = True
 
     def __init__(self, source: Source) -> None:
         self.source = source
         self._forget()
 
     def _forget(self) -> None:
+        self.width = self.source.width
         self._indices = np.empty(0, np.int64)
-        self._rows = np.empty((0, self.source.width))
+        self._rows = np.empty((0, self.width))
         self._lock = threading.Lock()
 
     @property
-    def width(self) -> int:
-        return self.source.width
+    def about(self) -> About:
+        return replace(self.source.about, in_memory=True, keeps_rows=True)
 
     def __len__(self) -> int:
         return len(self.source)
@@ -49,6 +47,9 @@ class HeldSource:
         """Read rows that will be asked for."""
         with self._lock:
             self._read(np.asarray(indices, np.int64))
+
+    def bytes_to_take(self, rows: int) -> int:
+        return self.source.bytes_to_take(rows)
 
     def _read(self, wanted: NDArray[np.int64]) -> None:
         missing = np.setdiff1d(wanted, self._indices)
@@ -66,9 +67,3 @@ class HeldSource:
     def __setstate__(self, source: Source) -> None:
         self.source = source
         self._forget()
-
-    def __getattr__(self, name: str) -> Any:
-        """What the source has besides, such as its `block_starts`."""
-        if name.startswith("_") or name == "source":
-            raise AttributeError(name)
-        return getattr(self.source, name)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.sources.array import ArraySource
+from nonsac.sources.contract import About, Source
+from nonsac.sources.mapped import Map
 
-Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-
-class JoinedSource:
+class JoinedSource(Source):
     """Row i is row i of each of several arrays (n, d), side by side; only sampled rows are ever joined.
 
     Parameters
@@ -37,13 +37,8 @@ class JoinedSource:
             raise ValueError(f"arrays must have equally many rows, got {', '.join(str(len(p)) for p in self.parts)}")
 
     @property
-    def width(self) -> int:
-        nothing = np.empty(0, np.int64)
-        return int(self.take(nothing).shape[1])
-
-    @property
-    def in_memory(self) -> bool:
-        return any(part.in_memory for part in self.parts)
+    def about(self) -> About:
+        return About(in_memory=any(part.about.in_memory for part in self.parts))
 
     def __len__(self) -> int:
         return len(self.parts[0])

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from nonsac.sources.contract import Source
+from nonsac.sources.contract import About, Source
 
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-_HANDED_ON = ("block_starts", "bytes_to_take", "in_memory")
 
 
-class MappedSource:
+class MappedSource(Source):
     """The rows of `source`, passed through `map`; only rows that are read ever are.
 
     Parameters
@@ -32,8 +29,14 @@ class MappedSource:
         self.source, self.map = source, map
 
     @property
-    def width(self) -> int:
-        return int(self.take(np.empty(0, np.int64)).shape[1])
+    def about(self) -> About:
+        return replace(self.source.about, names=None)
+
+    def bytes_to_take(self, rows: int) -> int:
+        return self.source.bytes_to_take(rows)
+
+    def hold(self, indices: NDArray[np.int64]) -> None:
+        self.source.hold(indices)
 
     def __len__(self) -> int:
         return len(self.source)
@@ -43,11 +46,6 @@ class MappedSource:
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
         return map(self._mapped, self.source.chunks(rows, start, stop))
-
-    def __getattr__(self, name: str) -> Any:
-        if name in _HANDED_ON:  # where the source has them
-            return getattr(self.source, name)
-        raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
     def _mapped(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(self.map(rows), np.float64, order="C")

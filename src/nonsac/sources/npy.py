@@ -41,7 +41,7 @@ class NpySource(RecordSource):
         header = _read_header(file.path)
         if header.dtype.names and len(header.shape) == 1:
             part, names = _fields(file, header, columns)
-            super().__init__([part], names)
+            super().__init__([part], names, columns is not None)
         else:
             super().__init__(_arrays(file, header, columns))
         held = (file.size - header.offset) // max(1, header.row_size)

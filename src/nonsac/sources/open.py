@@ -4,36 +4,37 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeGuard
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nonsac.files.arrays import open_npz
+from nonsac.files.arrays import Archive, as_rows, open_npz
 from nonsac.files.content import content_kind, with_article
-from nonsac.files.errors import FilePath, input_error, not_held
+from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
 from nonsac.files.records import find_columns
-from nonsac.files.text import Table, read_table
+from nonsac.files.text import is_number, read_table
+from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
 from nonsac.sources.array import ArraySource
-
-if TYPE_CHECKING:
-    from nonsac.sources.contract import Source
+from nonsac.sources.columns import arranged, place_of, unfit
+from nonsac.sources.contract import Source
 
 Columns = Sequence[str | int] | None
+_KNOWN = (MATCHES, POINTS, PAIRS)
 _HEAD_LENGTH = 4096
 _FILES_OF_ZARR = ("zarr.json", ".zarray", ".zgroup")
-_PAIRS_OF_KEYS = (
-    ("points1", "points2"),
-    ("x1", "x2"),
-    ("points2d", "points3d"),
-    ("x", "X"),
-    ("source", "target"),
-    ("src", "tgt"),
-)
 
 
-def open_source(path: FilePath | Sequence[FilePath], *, columns: Columns = None, dataset: str | None = None) -> Source:
+def open_source(
+    path: FilePath | Sequence[FilePath],
+    *,
+    layout: Layout | str | None = None,
+    columns: Columns = None,
+    dataset: str | None = None,
+) -> Source:
     """Open a file of rows; its first bytes say of which kind it is, whatever its name.
 
     Parameters
@@ -46,12 +47,15 @@ def open_source(path: FilePath | Sequence[FilePath], *, columns: Columns = None,
 
         Parquet, Arrow and Zarr may be at any URL that fsspec knows. Raw numbers say nothing of their kind and need
         `RawSource`.
+    layout : Layout or str, optional
+        The columns that are needed, as "x1 y1 | x2 y2": they are found by name if the file names its columns, in
+        whatever case and order, and a column `weight` comes last. The calls do this by themselves.
     columns : sequence of str or int, optional
-        The columns wanted, in this order: by position from 0 or, where they have names (Parquet, Arrow, text with a
-        header line, structured arrays, arrays (n,) of HDF5 and Zarr), by name. By default all; in Parquet and Arrow all
-        columns of numbers.
+        The columns wanted, in this order, whatever their names mean: by position from 0 or, if they have names
+        (Parquet, Arrow, text with a header line, structured arrays, arrays (n,) of HDF5 and Zarr), by name. By default
+        all; in Parquet and Arrow all columns of numbers.
     dataset : str, optional
-        Which array of an HDF5 file, a Zarr group or an .npz is meant, where there are several.
+        Which array of an HDF5 file, a Zarr group or an .npz is meant, if there are several.
 
     Returns
     -------
@@ -60,28 +64,57 @@ def open_source(path: FilePath | Sequence[FilePath], *, columns: Columns = None,
     Raises
     ------
     InputError
-        Where there is no such file, its kind is unknown or unfit, or it lacks what was asked for.
+        If there is no such file, its kind is unknown or unfit, or it lacks what was asked for.
     """
-    source = _opened(path, columns, dataset)
-    if columns is not None:  # they are what their places say, whatever their names
-        source.columns_given = True  # type: ignore[attr-defined]
-    return source
+    asked = _Asked(_layout_of(layout) if isinstance(layout, str) else layout, columns, dataset)
+    source = _opened(path, asked)
+    if asked.layout is None:
+        return source
+    try:
+        return arranged(source, asked.layout)
+    except ValueError as error:
+        name = path if isinstance(path, (str, os.PathLike)) else next(iter(path))
+        raise InputError(f"{name}: {error}") from None
 
 
-def _opened(path: FilePath | Sequence[FilePath], columns: Columns, dataset: str | None) -> Source:
+def _layout_of(columns: str) -> Layout:
+    """The layout of these columns; the known one, which also has keys, if there is one."""
+    layout = Layout(columns)
+    return next((known for known in _KNOWN if (known.names, known.split) == (layout.names, layout.split)), layout)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is wanted of a file."""
+
+    layout: Layout | None
+    columns: Columns
+    dataset: str | None
+
+
+def _opened(path: FilePath | Sequence[FilePath], asked: _Asked) -> Source:
     if not isinstance(path, (str, os.PathLike)):
-        return _open_parquet(path, columns)
+        return _open_parquet(path, asked)
     name = os.fspath(path)
     kind = _kind_of(name)
     if kind not in _OPENERS:
         raise input_error(
             name, f"is no table of rows, it looks like {with_article(kind)}", f"give one of {', '.join(_OPENERS)}"
         )
-    if dataset is not None and kind not in _WITH_DATASETS:
+    if asked.dataset is not None and kind not in _WITH_DATASETS:
         raise input_error(name, f"holds no datasets, it is {with_article(kind)}", "leave the dataset out")
     if is_url(name) and kind not in _BEHIND_URLS:
         raise input_error(name, f"{with_article(kind)} cannot be read from a URL", "download it first")
-    return _OPENERS[kind](name, columns, dataset)
+    return _OPENERS[kind](name, asked)
+
+
+def holds_rows(folder: str) -> bool:
+    """Whether a folder is a Zarr array or has Parquet or Arrow files, and is not the folder of a COLMAP model, say."""
+    from nonsac.sources.parquet import SUFFIXES
+
+    if any(os.path.exists(os.path.join(folder, name)) for name in _FILES_OF_ZARR):
+        return True
+    return any(name.lower().endswith(SUFFIXES) for _, _, names in os.walk(folder) for name in names)
 
 
 def _kind_of(path: str) -> str:
@@ -95,56 +128,110 @@ def _kind_of(path: str) -> str:
     return content_kind(head)
 
 
-def _open_npy(path: str, columns: Columns, dataset: str | None) -> Source:
+def _open_npy(path: str, asked: _Asked) -> Source:
     from nonsac.sources.npy import NpySource
 
-    return NpySource(path, columns=columns)
+    return NpySource(path, columns=asked.columns)
 
 
-def _open_hdf5(path: str, columns: Columns, dataset: str | None) -> Source:
+def _open_hdf5(path: str, asked: _Asked) -> Source:
     from nonsac.sources.hdf5 import Hdf5Source
 
-    if dataset is None and _are_names(columns):
-        return Hdf5Source(path, columns)
-    return Hdf5Source(path, _only_dataset(path) if dataset is None else dataset, columns=columns)
+    if asked.dataset is None and _are_names(asked.columns):
+        return Hdf5Source(path, asked.columns)
+    return Hdf5Source(path, _only_dataset(path) if asked.dataset is None else asked.dataset, columns=asked.columns)
 
 
-def _open_zarr(path: str, columns: Columns, dataset: str | None) -> Source:
+def _open_zarr(path: str, asked: _Asked) -> Source:
     from nonsac.sources.zarr import ZarrSource
 
-    array = _only_array(path, columns) if dataset is None else dataset
-    return ZarrSource(path, array=array, columns=columns)
+    array = _only_array(path, asked.columns) if asked.dataset is None else asked.dataset
+    return ZarrSource(path, array=array, columns=asked.columns)
 
 
-def _open_las(path: str, columns: Columns, dataset: str | None) -> Source:
+def _open_las(path: str, asked: _Asked) -> Source:
     from nonsac.sources.las import LasSource
 
-    if columns is not None:
+    if asked.columns is not None:
         raise input_error(path, "the columns of LAS files are always x, y, z", "leave the columns out")
     return LasSource(path)
 
 
-def _open_parquet(paths: FilePath | Sequence[FilePath], columns: Columns, dataset: str | None = None) -> Source:
+def _open_parquet(paths: FilePath | Sequence[FilePath], asked: _Asked) -> Source:
     from nonsac.sources.parquet import ParquetSource
 
-    return ParquetSource(paths, columns)
+    source = ParquetSource(paths, asked.columns)
+    if asked.layout is not None and asked.columns is None:
+        _check_numbers(source.paths[0], asked.layout, source.names, source.other_columns)
+    return source
 
 
-def _open_npz(path: str, columns: Columns, dataset: str | None) -> Source:
+def _check_numbers(path: str, layout: Layout, names: Sequence[str], others: Mapping[str, str]) -> None:
+    """Refuse columns that have the right name but cannot be read, and so are not among `names`."""
+    for name in layout.names:
+        place = place_of(name, list(others))
+        if place_of(name, names) is None and place is not None:
+            held = list(others)[place]
+            fix = "save one column of numbers under this name, or choose other columns"
+            raise input_error(path, f"column {held!r} {others[held]}", fix)
+
+
+def _open_npz(path: str, asked: _Asked) -> Source:
+    if asked.columns is None and asked.dataset is None:
+        return _open_archive(path, asked.layout)
     with open_npz(path) as archive:
-        if dataset is not None and dataset not in archive.names:
-            raise not_held(path, f"array {dataset!r}", archive.names)
+        if asked.dataset is not None and asked.dataset not in archive.names:
+            raise not_held(path, f"array {asked.dataset!r}", archive.names)
         tables = {name: array for name in archive.names if (array := archive.load(name)).ndim == 2}
-    pair = next((pair for pair in _PAIRS_OF_KEYS if dataset is None and set(pair) <= set(tables)), None)
-    names = pair or [_the_only(path, list(tables)) if dataset is None else dataset]
-    if not set(names) <= set(tables):
-        raise input_error(path, f"the array {dataset!r} has not the shape (n, D)", "name one with rows")
-    parts = [tables[name] for name in names]
+    name = _the_only(path, list(tables)) if asked.dataset is None else asked.dataset
+    if name not in tables:
+        raise input_error(path, f"the array {name!r} has not the shape (n, D)", "name one with rows")
+    return _narrowed(path, _of_numbers(path, [tables[name]]), asked.columns)
+
+
+def _open_archive(path: str, layout: Layout | None) -> Source:
+    """Both parts of the rows under their keys, and the weights; else the only array that fits."""
+    layouts = _KNOWN if layout is None else (layout,)
+    with open_npz(path) as archive:
+        keys = [pair for known in layouts for pair in known.keys]
+        pair = next((pair for pair in keys if set(pair) <= set(archive.names)), None)
+        if pair is not None:
+            parts = [archive.load(name) for name in pair]
+            if layout is not None:
+                parts = [as_rows(path, part, width) for part, width in zip(parts, layout.widths, strict=True)]
+        elif layout is None:
+            held = {name: array for name in archive.names if (array := archive.load(name)).ndim == 2}
+            parts = [held[_the_only(path, list(held))]]
+        else:
+            fix = f"save it under {' or '.join('/'.join(names) for names in keys)}" if keys else "save one array (n, D)"
+            parts = [archive.load_only([len(layout.names), len(layout.names) + 1], fix)]
+        if "weights" in archive.names and layout is not None and sum(map(_columns_in, parts)) == len(layout.names):
+            parts.append(_weights(archive, len(parts[0])))
+    return _of_numbers(path, parts, layout)
+
+
+def _columns_in(part: NDArray[Any]) -> int:
+    return part.shape[1] if part.ndim == 2 else 0
+
+
+def _weights(archive: Archive, rows: int) -> NDArray[Any]:
+    weights = archive.load("weights")
+    if weights.shape != (rows,) or weights.dtype.kind not in "iuf":
+        problem = f"the array weights has the shape {weights.shape} and the type {weights.dtype}"
+        raise input_error(archive.path, problem, "save one number for every match")
+    return weights[:, None]
+
+
+def _of_numbers(path: str, parts: Sequence[NDArray[Any]], layout: Layout | None = None) -> ArraySource:
+    lengths = [len(part) for part in parts]
+    if len(set(lengths)) > 1:
+        problem = f"its arrays have {' and '.join(map(str, lengths))} rows, which should match one by one"
+        clouds = "" if layout not in (None, PAIRS) else "; for unmatched clouds use `nonsac register-clouds`"
+        raise input_error(path, problem, f"save one row of each for every match{clouds}")
     try:
-        source = ArraySource(parts[0] if len(parts) == 1 else np.hstack(parts))
+        return ArraySource(parts[0] if len(parts) == 1 else np.hstack(parts))
     except (TypeError, ValueError) as error:
         raise input_error(path, f"holds no rows of numbers ({error})", "save arrays (n, D) of equal length") from error
-    return _narrowed(path, source, columns)
 
 
 def _only_dataset(path: str) -> str:
@@ -188,19 +275,39 @@ def _are_names(columns: Columns) -> TypeGuard[Sequence[str]]:
     return columns is not None and all(isinstance(column, str) for column in columns)
 
 
-def _open_text(path: str, columns: Columns, dataset: str | None) -> Source:
+def _open_text(path: str, asked: _Asked) -> Source:
     table = read_table(path)
-    return ArraySource(table.numbers(_columns_of(path, table, columns)))
+    width, names = len(table.first_row() or table.names or ()), table.names
+    if not width:
+        raise input_error(path, "the file holds no rows", "export it again with its rows")
+    if names is not None and len(names) != width:
+        problem = f"its header names {len(names)} columns, its rows have {width}"
+        raise input_error(path, problem, "name every column, or remove the header line")
+    if asked.columns is not None:
+        return ArraySource(table.numbers(_columns_of(path, names, width, asked.columns)))
+    if names is None:
+        if asked.layout is not None and width > len(asked.layout.names) + 1:
+            fix = f"choose columns, or name them in a header line: {' '.join(asked.layout.names)}"
+            raise InputError(f"{path}: {unfit(width, asked.layout, fix)}")
+        return ArraySource(table.numbers(range(width)))
+    numbers = _named_in(asked.layout, names)
+    if not numbers:  # all columns that look like numbers
+        numbers = [place for place, word in enumerate(table.first_row()) if is_number(word)] or list(range(width))
+    return ArraySource(table.numbers(numbers), [names[place] for place in numbers])
 
 
-def _columns_of(path: str, table: Table, columns: Columns) -> Sequence[int]:
-    width = len(table.first_row() or table.names or ())
-    if columns is None:
-        return range(width)
+def _named_in(layout: Layout | None, names: Sequence[str]) -> list[int]:
+    """The places of a layout's columns and of a weight, in the order of the file; none if it lacks some."""
+    wanted = [] if layout is None else [name.lower() for name in layout.names]
+    found = [place for place, name in enumerate(names) if name in (*wanted, WEIGHT)]
+    return found if wanted and {names[place] for place in found} >= set(wanted) else []
+
+
+def _columns_of(path: str, names: Sequence[str] | None, width: int, columns: Sequence[str | int]) -> Sequence[int]:
     by_name = [column.lower() for column in columns if isinstance(column, str)]
-    if by_name and table.names is None:
+    if by_name and names is None:
         raise input_error(path, "has no header line, so its columns have no names", "give their positions, from 0")
-    places = dict(zip(by_name, find_columns(path, table.names or (), by_name, "check the names"), strict=True))
+    places = dict(zip(by_name, find_columns(path, names or (), by_name, "check the names"), strict=True))
     return _within(path, width, [places[c.lower()] if isinstance(c, str) else c for c in columns])
 
 
@@ -219,7 +326,7 @@ def _within(path: str, width: int, columns: list[int]) -> list[int]:
     return columns
 
 
-_OPENERS: dict[str, Callable[[str, Columns, str | None], Source]] = {
+_OPENERS: dict[str, Callable[[str, _Asked], Source]] = {
     "Parquet file": _open_parquet,
     "Arrow file": _open_parquet,
     "NumPy array": _open_npy,

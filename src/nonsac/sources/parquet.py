@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from nonsac.files.errors import FilePath, input_error, library_missing, not_held
 from nonsac.files.paths import Stamp, changed, file_errors, is_url, listed_files, open_file, stamp_of
 from nonsac.sources.blocks import BlockSource
+from nonsac.sources.contract import About
 
 SUFFIXES = (".parquet", ".pq", ".parq", ".arrow", ".feather", ".ipc")
 _MARK_OF_ARROW = b"ARROW1"
@@ -45,6 +47,8 @@ class ParquetSource(BlockSource):
     ----------
     names : tuple of str
         Of the columns, in the order of the rows.
+    other_columns : dict of str to str
+        Of the first file: the columns that are not read by default, and what is wrong with them.
 
     Raises
     ------
@@ -57,24 +61,34 @@ class ParquetSource(BlockSource):
         files = listed_files(paths, SUFFIXES)
         self.paths = [path if is_url(path) else os.path.abspath(path) for path in files]  # workers may be elsewhere
         _import_pyarrow(self.paths[0])
-        self.names = _chosen(self.paths[0], columns)
+        first = _read_footer(self.paths[0], lambda schema: _chosen(self.paths[0], schema, columns))
+        self.names, self.chosen, self.other_columns = first.names, columns is not None, first.others
         with ThreadPoolExecutor(_AT_ONCE) as pool:
-            footers = list(pool.map(lambda path: _read_footer(path, self.names), self.paths))
+            others = pool.map(lambda path: _read_footer(path, lambda _: self.names), self.paths[1:])
+            footers = [first, *others]
         rows = [count for footer in footers for count in footer.block_rows]
         super().__init__(np.array([0, *accumulate(rows)], np.int64), len(self.names))
         self._first_blocks = np.array([0, *accumulate(len(footer.block_rows) for footer in footers)], np.int64)
         self._stamps = [footer.stamp for footer in footers]
-        self._bytes_per_row = sum(footer.bytes for footer in footers) / max(len(self), 1)
+        self._bytes = {name: sum(footer.bytes[name] for footer in footers) for name in self.names}
 
-    def with_columns(self, columns: Sequence[str | int]) -> ParquetSource:
-        """The same rows with other columns."""
-        return ParquetSource(self.paths, columns)
+    @property
+    def about(self) -> About:
+        return About(None if self.chosen else self.names, self.block_starts)
+
+    def narrowed(self, columns: Sequence[int]) -> ParquetSource:
+        """The same rows with only these columns, of which no others are read."""
+        narrowed = copy(self)
+        narrowed.names, narrowed.width = tuple(self.names[column] for column in columns), len(columns)
+        narrowed.other_columns, narrowed._bytes = {}, {name: self._bytes[name] for name in narrowed.names}
+        return narrowed
 
     def bytes_to_take(self, rows: int) -> int:
         """How many bytes are read for so many random rows, about: those of the blocks that hold one of them."""
         sizes = np.diff(self.block_starts)
         missed = (1.0 - sizes / max(len(self), 1)) ** rows
-        return round(self._bytes_per_row * float(sizes @ (1.0 - missed)))
+        bytes_per_row = sum(self._bytes[name] for name in self.names) / max(len(self), 1)
+        return round(bytes_per_row * float(sizes @ (1.0 - missed)))
 
     def read_block(self, block: int) -> NDArray[np.float64]:
         file = int(np.searchsorted(self._first_blocks, block, side="right")) - 1
@@ -98,10 +112,12 @@ class ParquetSource(BlockSource):
 
 @dataclass(frozen=True)
 class _Footer:
-    """What is known of a file without reading any row: bytes are those of the wanted columns."""
+    """What is known of a file without reading any row, of the wanted columns and of those that hold no numbers."""
 
+    names: tuple[str, ...]
+    others: dict[str, str]
     block_rows: list[int]
-    bytes: float
+    bytes: dict[str, float]
     stamp: Stamp | None
 
 
@@ -117,11 +133,13 @@ class _ParquetFile:
     def block_rows(self) -> list[int]:
         return [self._file.metadata.row_group(block).num_rows for block in range(self._file.num_row_groups)]
 
-    def bytes_of(self, columns: Sequence[str]) -> float:
+    def bytes_of(self, columns: Sequence[str]) -> dict[str, float]:
         metadata = self._file.metadata
-        wanted = [i for i in range(metadata.num_columns) if metadata.schema.column(i).path in columns]
-        groups = map(metadata.row_group, range(metadata.num_row_groups))
-        return float(sum(group.column(i).total_compressed_size for group in groups for i in wanted))
+        places = {metadata.schema.column(place).path: place for place in range(metadata.num_columns)}
+        groups = [metadata.row_group(group) for group in range(metadata.num_row_groups)]
+        return {
+            name: float(sum(group.column(places[name]).total_compressed_size for group in groups)) for name in columns
+        }
 
     def read_block(self, block: int, columns: Sequence[str]) -> Any:
         # Threads of Arrow that call into Python, to read a URL, would abort a process that ends meanwhile.
@@ -141,8 +159,9 @@ class _ArrowFile:
         reader = self._reader([0])  # lengths are not in the footer: the least that tells them
         return [reader.get_batch(block).num_rows for block in range(reader.num_record_batches)]
 
-    def bytes_of(self, columns: Sequence[str]) -> float:
-        return sum(self.schema.field(name).type.bit_width for name in columns) / 8 * sum(self.block_rows())
+    def bytes_of(self, columns: Sequence[str]) -> dict[str, float]:
+        rows = sum(self.block_rows())
+        return {name: float(self.schema.field(name).type.bit_width / 8 * rows) for name in columns}
 
     def read_block(self, block: int, columns: Sequence[str]) -> Any:
         from pyarrow import Table
@@ -174,17 +193,24 @@ def _opened(path: str) -> Iterator[Any]:
         yield kind(file)
 
 
-def _read_footer(path: str, columns: Sequence[str]) -> _Footer:
+def _read_footer(path: str, choose: Callable[[Any], tuple[str, ...]]) -> _Footer:
+    """What is known of a file, from one opening; `choose` says which columns of a schema are wanted."""
     stamp = stamp_of(path)
     with _opened(path) as file:
-        _check_columns(path, file.schema, columns)
-        return _Footer(file.block_rows(), file.bytes_of(columns), stamp)
+        names = choose(file.schema)
+        _check_columns(path, file.schema, names)
+        return _Footer(names, _faults(file.schema), file.block_rows(), file.bytes_of(names), stamp)
 
 
-def _chosen(path: str, columns: Sequence[str | int] | None) -> tuple[str, ...]:
+def _faults(schema: Any) -> dict[str, str]:
+    """What is wrong with the columns that do not hold numbers."""
+    others = [field for field in schema if not _is_number(schema, field.name)]
+    twice = {field.name: len(schema.get_all_field_indices(field.name)) > 1 for field in others}
+    return {f.name: "is there several times" if twice[f.name] else f"holds {f.type}, not numbers" for f in others}
+
+
+def _chosen(path: str, schema: Any, columns: Sequence[str | int] | None) -> tuple[str, ...]:
     """The names of the columns wanted, of which some may be given by their positions in the first file."""
-    with _opened(path) as file:
-        schema = file.schema
     if columns is None:
         numbers = [name for name in schema.names if _is_number(schema, name) and not name.startswith("__index_level_")]
         if not numbers:
@@ -208,7 +234,7 @@ def _name_of(path: str, names: Sequence[str], column: str | int) -> str:
 
 def _check_columns(path: str, schema: Any, columns: Sequence[str]) -> None:
     for name in columns:
-        count = schema.names.count(name)
+        count = len(schema.get_all_field_indices(name))
         if count == 0:
             raise not_held(path, f"column {name!r}", schema.names, _NAMES_SHOWN)
         if count > 1:
@@ -222,8 +248,11 @@ def _check_columns(path: str, schema: Any, columns: Sequence[str]) -> None:
 def _is_number(schema: Any, name: str) -> bool:
     from pyarrow import types
 
-    index = schema.get_field_index(name)
-    return index >= 0 and bool(types.is_integer(schema.types[index]) or types.is_floating(schema.types[index]))
+    index = schema.get_field_index(name)  # -1 if there are several, too
+    if index < 0:
+        return False
+    kind = schema.field(index).type
+    return bool(types.is_integer(kind) or types.is_floating(kind))
 
 
 def _import_pyarrow(path: FilePath) -> Any:

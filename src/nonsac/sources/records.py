@@ -10,17 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.positioned import PositionedFile
+from nonsac.sources.contract import About, Source
 
 _PAGE = 4096
-
-
-def check_rows(indices: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """The row numbers, if there are such rows."""
-    indices = np.asarray(indices, np.int64)
-    if len(indices) and not 0 <= indices.min() <= indices.max() < count:
-        worst = indices.min() if indices.min() < 0 else indices.max()
-        raise IndexError(f"there is no row {worst}: rows are numbered from 0 to {count - 1}")
-    return indices
 
 
 @dataclass(frozen=True)
@@ -82,7 +74,7 @@ def number_columns(dtype: np.dtype[Any], chosen: Sequence[int]) -> tuple[tuple[i
     return tuple((position * dtype.itemsize, dtype) for position in chosen)
 
 
-class RecordSource:
+class RecordSource(Source):
     """The columns of several records, side by side; what is read is checked to be the file that was there at first.
 
     Parameters
@@ -91,24 +83,27 @@ class RecordSource:
         Equally many of each.
     names : tuple of str, optional
         What the columns are called.
+    chosen : bool
+        Whether the user chose them, so that they are taken in order, whatever their names.
     """
 
-    def __init__(self, parts: Sequence[Records], names: tuple[str, ...] | None = None) -> None:
-        self.parts, self.names = tuple(parts), names
+    def __init__(self, parts: Sequence[Records], names: tuple[str, ...] | None = None, chosen: bool = False) -> None:
+        self.parts, self.names, self.chosen = tuple(parts), names, chosen
+        self.width = sum(len(part.columns) for part in parts)
 
     def __repr__(self) -> str:
         path = self.parts[0].file.path
         return f"{type(self).__name__}({path!r}: {len(self)} x {self.width})"
 
     @property
-    def width(self) -> int:
-        return sum(len(part.columns) for part in self.parts)
+    def about(self) -> About:
+        return About(None if self.chosen else self.names)
 
     def __len__(self) -> int:
         return self.parts[0].count
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        indices = check_rows(indices, len(self))
+        indices = self.checked(indices)
         if (indices[1:] >= indices[:-1]).all():
             return self._take_sorted(indices)
         order = np.argsort(indices, kind="stable")

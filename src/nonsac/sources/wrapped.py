@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.sources.blocks import EvenBlockSource
+from nonsac.sources.contract import About, Source
 from nonsac.sources.records import RecordSource
 
 
-class WrappedSource:
-    """The rows of another source, which has block starts or not.
+class WrappedSource(Source):
+    """The rows of another source, which come in blocks or not.
 
     Parameters
     ----------
@@ -23,22 +24,24 @@ class WrappedSource:
         The file they lie in.
     names : tuple of str, optional
         What the columns are called.
+    chosen : bool
+        Whether the user chose them, so that they are taken in order, whatever their names.
     """
 
-    def __init__(self, rows: RecordSource | EvenBlockSource, path: str, names: tuple[str, ...] | None) -> None:
-        self._rows, self.path, self.names = rows, path, names
+    def __init__(
+        self, rows: RecordSource | EvenBlockSource, path: str, names: tuple[str, ...] | None, chosen: bool = False
+    ) -> None:
+        self._rows, self.path, self.names, self.chosen, self.width = rows, path, names, chosen, rows.width
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.path!r}: {len(self)} x {self.width})"
 
-    def __getattr__(self, name: str) -> Any:
-        if name in ("block_starts", "bytes_to_take"):
-            return getattr(self._rows, name)
-        raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
-
     @property
-    def width(self) -> int:
-        return self._rows.width
+    def about(self) -> About:
+        return replace(self._rows.about, names=None if self.chosen else self.names)
+
+    def bytes_to_take(self, rows: int) -> int:
+        return self._rows.bytes_to_take(rows)
 
     def __len__(self) -> int:
         return len(self._rows)

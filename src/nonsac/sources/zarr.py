@@ -13,6 +13,7 @@ from nonsac.files.content import unreadable
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing, not_held
 from nonsac.sources.blocks import EvenBlockSource, block_rows
 from nonsac.sources.columns import choose_columns, common_length, read_columns, real_dtype, split_columns
+from nonsac.sources.contract import About
 
 
 class ZarrSource(EvenBlockSource):
@@ -54,10 +55,15 @@ class ZarrSource(EvenBlockSource):
         named = self.arrays if all(len(shape) == 1 for shape in self.shapes) else None
         chosen = choose_columns(self.path, columns, sum(widths), named)
         self.names = named and tuple(named[position] for position in chosen)
+        self.chosen = columns is not None
         self.runs = split_columns(chosen, widths)
         chunk = max(_chunk_rows(opened[number]) for number, _ in self.runs)
         stored = sum(opened[number].nbytes for number in {number for number, _ in self.runs})
         super().__init__(rows, block_rows(chunk, len(chosen)), len(chosen), stored)
+
+    @property
+    def about(self) -> About:
+        return About(None if self.chosen else self.names, self.block_starts)
 
     def __repr__(self) -> str:
         return f"ZarrSource({self.path!r}: {len(self)} x {self.width})"

@@ -1,0 +1,126 @@
+"""Everything that is said of a model in the end: verdict, rivals, noise, covariance and remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nonsac.layouts import Array, Rows
+from nonsac.method.noise import measured_noise
+from nonsac.method.verdict import Candidate, Effort, Verdict, alternative, judge_rows
+from nonsac.problems.contract import Problem
+from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
+from nonsac.problems.noise import Noise
+from nonsac.result import Hypothesis, Remark, Status
+
+_COVARIANCE_ROWS = 5000
+_RIVAL_ROWS, _NEARLY_AS_MUCH = 20_000, 0.8
+_VERY_DIFFERENT = 3.0
+_UNREPORTED_CONFIDENCE, _MOST_UNREPORTED = 0.99, 10**6
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What is said of a model.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    verdict : Verdict
+        In view of the best other answer.
+    noise : float
+        That the inliers show.
+    covariance : (p, p) float64 or None
+    """
+
+    candidate: Candidate
+    verdict: Verdict
+    noise: float
+    covariance: Array | None
+
+    @classmethod
+    def of(
+        cls, problem: Problem, model: Array, rows: Rows, noise: Noise, hypotheses: Sequence[Hypothesis]
+    ) -> Judgement:
+        """What is said of a model that was chosen with these hypotheses in view."""
+        candidate, effort = Candidate(problem, model, rows, noise), effort_of(problem, hypotheses)
+        verdict = judge_rows(candidate, effort)
+        if verdict.status is Status.OK:
+            verdict = _beside_rival(candidate, verdict, hypotheses, effort)
+        measured = measured_noise(candidate.residuals, noise.threshold, problem.residual_dimension)
+        trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
+        return cls(candidate, verdict, measured, _covariance(candidate) if trusted else None)
+
+    @property
+    def num_inliers(self) -> int:
+        return int(np.count_nonzero(self.candidate.inliers))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        trusted = self.verdict.status in (Status.OK, Status.AMBIGUOUS)
+        if not self.candidate.noise.known or not (trusted or self.verdict.remarks):
+            return self.verdict.remarks
+        return (*self.verdict.remarks, *_on_noise(self.noise / self.candidate.noise.sigma))
+
+
+def effort_of(problem: Problem, hypotheses: Sequence[Hypothesis]) -> Effort:
+    """How long the search in all samples was.
+
+    An estimator that does not report how many models it tested is taken to have drawn minimal samples until one of
+    inliers alone had come up with 99 % probability, as RANSAC with its usual confidence does; if it found nothing, it
+    may have compared any number, and need not have searched at all.
+    """
+    known = sum(h.tested for h in hypotheses if h.tested is not None)
+    silent = [h for h in hypotheses if h.tested is None]
+    assumed = sum(_assumed(problem, h) for h in silent if h.found)
+    return Effort(known + assumed + _MOST_UNREPORTED * sum(not h.found for h in silent), known + assumed)
+
+
+def _assumed(problem: Problem, hypothesis: Hypothesis) -> int:
+    ratio = hypothesis.num_inliers / max(len(hypothesis.residuals), 1)
+    return min(trials_needed(ratio, problem.minimal_size, _UNREPORTED_CONFIDENCE), _MOST_UNREPORTED)
+
+
+def _covariance(candidate: Candidate) -> Array | None:
+    if candidate.rows.weights is not None:  # a covariance would have to know what weights mean
+        return None
+    inliers = candidate.rows[candidate.inliers]
+    some = inliers.some(_COVARIANCE_ROWS)  # it falls with their number
+    covariance = candidate.problem.covariance(candidate.model, some.values, candidate.noise)
+    return None if covariance is None else covariance * (len(some) / len(inliers))
+
+
+def _beside_rival(candidate: Candidate, verdict: Verdict, hypotheses: Sequence[Hypothesis], effort: Effort) -> Verdict:
+    """The verdict in view of the best other answer, which must explain rows that this one does not, beyond chance.
+
+    Another motion of the same scene is one. If it has nearly as much support, nothing tells which is meant.
+    """
+    problem, noise, rows = candidate.problem, candidate.noise, candidate.rows
+    rest = rows[~candidate.inliers]
+    some = rest.some(_RIVAL_ROWS)
+    models = np.stack([h.model for h in hypotheses if h.found])
+    if len(some) <= problem.minimal_size:
+        return verdict
+    first = models[int(np.argmin(biweight_costs(problem, models, some, noise.threshold)))]
+    rival = Candidate(problem, reweighted_fit(problem, first, some, noise.threshold, 20), some, noise)
+    explained = rows.values[candidate.inliers]
+    if np.median(problem.residuals(rival.model[None], explained)[0]) < 3.0 * noise.threshold:
+        return verdict  # the same answer, and inliers beyond the threshold
+    if judge_rows(rival, effort).status is not Status.OK:
+        return verdict
+    share = rival.support * len(rest) / len(rows)
+    alternatives = (*verdict.alternatives, alternative(problem, rival.model, share))
+    if share < _NEARLY_AS_MUCH * candidate.support:
+        return replace(verdict, alternatives=alternatives)
+    return replace(verdict, status=Status.AMBIGUOUS, confidence=min(verdict.confidence, 0.5), alternatives=alternatives)
+
+
+def _on_noise(ratio: float) -> tuple[str, ...]:
+    """What is said if the measured noise is another than the given one."""
+    if ratio > _VERY_DIFFERENT:
+        return (Remark.NOISE_LARGER.detailed(f"by a factor of {ratio:.2g}"),)
+    if ratio < 1.0 / _VERY_DIFFERENT:
+        return (Remark.NOISE_SMALLER.detailed(f"by a factor of {1.0 / max(ratio, 1e-9):.2g}"),)
+    return ()
