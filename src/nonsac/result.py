@@ -37,7 +37,7 @@ class Status(StrEnum):
 
 
 _EXPLANATIONS = {
-    Status.OK: "the data support this answer, and no clearly different one as well",
+    Status.OK: "the data support this answer, and no clearly different one does as well",
     Status.TOO_FEW: "there are too few distinct rows or points to determine an answer",
     Status.DEGENERATE: "the data do not determine an answer (identical or collinear points, or no baseline)",
     Status.LOW_SUPPORT: "no answer has more support than chance, or than a partly correct answer, would have",

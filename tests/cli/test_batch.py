@@ -186,7 +186,7 @@ REFUSED = {
     "call,pairs,refine\nregister-pairs,a.npy,best": "line 2: refine: 'best' is not one of union, polish, full, none",
     "call,pairs,estimator\nregister-pairs,a.npy,lmeds": "line 2: estimator: 'lmeds' is not one of ransac, pcr99",
     "call,matches,estimator\nrelative-pose,a.npy,pcr99": "line 2: estimator: 'pcr99' is not for relative-pose (",
-    "call,pairs,rule\nregister-pairs,a.npy,best": "line 2: rule: rule must be one of most_inliers, closest_pair,",
+    "call,pairs,rule\nregister-pairs,a.npy,best": "line 2: rule: must be one of most_inliers, closest_pair,",
     "call,source,target,rule\nregister-clouds,a.npy,b.npy,tlp_1": "line 2: register-clouds has no 'rule'; it has",
     "call,pairs,workers\nregister-pairs,a.npy,2": "line 2: there is no column 'workers'; the columns are name, call,",
     "call,pairs,rng\nregister-pairs,a.npy,2": "line 2: there is no column 'rng'; the columns are name, call,",

@@ -246,7 +246,7 @@ def test_what_cannot_be_used(folder, views, refused):
         (["rows.arrow", "--columns", "a,b,c,g"], "rows.arrow: holds no column 'g' (it holds word, a, b, c, d, e, f)"),
         (["rows.arrow", "--columns", "a,b,,c"], "'--columns': 'a,b,,c' is no list of columns such as x1,y1,x2,y2"),
         (["rows.arrow", "--columns", "a,b,word,c"], "rows.arrow: column 'word' holds string, not numbers"),
-        (["rows.arrow", "--columns", "1,2,3"], "rows.arrow: rows of 3 columns, not of 4 (x1 y1 x2 y2)"),
+        (["rows.arrow", "--columns", "1,2,3"], "columns must choose 4 (x1 y1 x2 y2), or 5 with a weight; got 3"),
         (["rows.arrow", "--columns", "1,2,3,77"], "rows.arrow: holds no column 77, counted from 0 (it holds word, a"),
         (["rows.arrow", "--dataset", "x"], "rows.arrow: holds no datasets, it is an Arrow file"),
         (["rows"], "rows/3.parquet: holds no column 'y2' (it holds word, x2, y1, x1)"),

@@ -58,7 +58,7 @@ def rows_of_source(source: Source, layout: Layout, name: str, **others: object) 
     Raises
     ------
     ValueError
-        If the source has other columns, or `others` are given, which it would have to hold.
+        If the source has other columns or weights that are no use, or `others` are given, which it would have to hold.
     """
     for other, given in others.items():
         if given is not None:
@@ -71,6 +71,9 @@ def rows_of_source(source: Source, layout: Layout, name: str, **others: object) 
     if source.width > width and _are_even(source):
         source = source.narrowed(range(width))
     some = next(iter(source.chunks(_FEW_ROWS, 0, _FEW_ROWS)), np.empty((0, source.width)))
+    weights = some[:, width:]
+    if weights.size and (len(some) == len(source) or (weights < 0.0).any()):
+        weights_argument(weights[:, 0], len(some))
     return Correspondences(layout.parts(some), source.width > width, source)
 
 

@@ -195,7 +195,7 @@ def _write_lines(path: Path, records: Iterator[dict[str, Any]]) -> None:
 
 
 def _write_parquet(path: Path, records: Iterator[dict[str, Any]]) -> None:
-    """T as 16 numbers, row by row; null where there is none."""
+    """T as 16 numbers, row by row; null if there is none."""
     from itertools import islice
 
     import pyarrow as pa

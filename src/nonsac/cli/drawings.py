@@ -1,4 +1,4 @@
-"""Pictures of poses. A drawing is made only where it is asked for; there is none for data without a finite point."""
+"""Pictures of poses. A drawing is made only if it is asked for; there is none for data without a finite point."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _finite_rows(first: Array, second: Array) -> NDArray[Any]:
 
 
 def fundamental_matrix(T: Array, cameras: Cameras) -> Array:
-    """F of x2^T F x1 = 0, in pixels where there are cameras."""
+    """F of x2^T F x1 = 0, in pixels if there are cameras."""
     import numpy as np
 
     x, y, z = T[:3, 3]

@@ -136,7 +136,7 @@ def _cell(call: Call, column: str, text: str, folder: Path) -> Any:
             return image_of(text)
         return _camera(text, folder) if column in call.cameras else call.read(call.texts[column], text)
     except (ValueError, typer.BadParameter) as error:
-        raise ValueError(f"{column}: {error}") from error
+        raise ValueError(f"{column}: {str(error).removeprefix(f'{column} ')}") from error
 
 
 @lru_cache(256)

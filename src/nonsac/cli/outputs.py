@@ -89,7 +89,7 @@ def matrix_text(result: Result) -> str:
 
 
 def worth_writing(path: Path, what: str, result: Result) -> bool:
-    """Whether there is an answer; says loudly where there is none, or one that is not to be trusted."""
+    """Whether there is an answer; says loudly if there is none, or one that is not to be trusted."""
     if not result.found:
         to_stderr(f"{path} is NOT WRITTEN: no answer was found")
     elif not result.success:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from nonsac.files.errors import FilePath, InputError, input_error
 
+UTF16 = "UTF-16 text"
 _MARKS = {
     b"\x93NUMPY": "NumPy array",
     b"PK\x03\x04": "NumPy archive",
@@ -18,8 +19,8 @@ _MARKS = {
     b"\xff\xd8\xff": "JPEG image",
     b"%PDF": "PDF document",
     b"\x1f\x8b": "gzip archive",
-    b"\xff\xfe": "UTF-16 text",
-    b"\xfe\xff": "UTF-16 text",
+    b"\xff\xfe": UTF16,
+    b"\xfe\xff": UTF16,
 }
 _USUAL_SUFFIX = {
     "NumPy array": ".npy",
@@ -141,4 +142,4 @@ def with_article(kind: str) -> str:
 def _fix_for(kind: str) -> str:
     if kind in _USUAL_SUFFIX:
         return f"if it is one, rename it to end in {_USUAL_SUFFIX[kind]}"
-    return "save it as UTF-8 text" if kind == "UTF-16 text" else "give a point cloud file"
+    return "save it as UTF-8 text" if kind == UTF16 else "give a point cloud file"

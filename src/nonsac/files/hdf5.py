@@ -17,7 +17,7 @@ def open_hdf5(path: FilePath, files: str = "HDF5 files", extra: str = "hdf5") ->
     path
         The file.
     files, extra
-        What such files are called, and the extra of nonsac that has h5py, where it is missing.
+        What such files are called, and the extra of nonsac that has h5py, if it is missing.
 
     Raises
     ------

@@ -24,13 +24,13 @@ def is_url(path: FilePath) -> bool:
 def listed_files(paths: FilePath | Sequence[FilePath], suffixes: Sequence[str]) -> list[str]:
     """The files that a file, folder, glob or URL, or a list of them, stand for; sorted within each.
 
-    Of a folder, the files at any depth with one of the suffixes or, where none has, all; as usual, not those whose
+    Of a folder, the files at any depth with one of the suffixes or, if none has one, all; as usual, not those whose
     names or folders begin with `_` or `.`.
 
     Raises
     ------
     InputError
-        Where one stands for no file at all.
+        If one stands for no file at all.
     """
     given = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
     if not given:
@@ -68,7 +68,7 @@ def holds(folder: str, name: str) -> bool:
 
 
 def stamp_of(path: str) -> Stamp | None:
-    """What changes where a file on this machine does: its size and the time of its last change."""
+    """What changes if a file on this machine does: its size and the time of its last change."""
     if is_url(path):
         return None
     with file_errors(path):
@@ -125,9 +125,9 @@ def _matching(pattern: str) -> list[str]:
             fs, name = _file_system(pattern)
             found = [str(fs.unstrip_protocol(match)) for match in fs.glob(name)]
     else:
-        found = glob.glob(pattern, recursive=True)
+        found = [match for match in glob.glob(pattern, recursive=True) if not os.path.isdir(match)]
     if not found:
-        raise input_error(pattern, "no file matches this pattern", "check the path")
+        raise input_error(pattern, "no file matches this pattern", "check the path (files in folders match folder*/*)")
     return sorted(found)
 
 

@@ -27,29 +27,29 @@ class PositionedFile:
     """A regular file as it is now; a reading that finds another one there raises InputError.
 
     It pickles as its path, size and time of change, and opens where it is first read. Positioned reads share a
-    descriptor safely among threads and after a fork.
+    descriptor safely among threads and after a fork. Messages call it by the `name` that the user gave.
     """
 
     def __init__(self, path: FilePath) -> None:
-        self.path = os.path.abspath(path)
+        self.name, self.path = os.fspath(path), os.path.abspath(path)
         try:
             status = os.stat(self.path)
         except OSError as error:
-            raise unreadable(self.path, error) from error
+            raise unreadable(self.name, error) from error
         if stat.S_ISDIR(status.st_mode):
-            raise unreadable(self.path, IsADirectoryError())
+            raise unreadable(self.name, IsADirectoryError())
         if not stat.S_ISREG(status.st_mode):
-            raise input_error(self.path, "is no regular file", "copy what it gives to a file on disk")
+            raise input_error(self.name, "is no regular file", "copy what it gives to a file on disk")
         if not status.st_size:
-            raise input_error(self.path, "the file is empty", "write or copy it again")
+            raise input_error(self.name, "the file is empty", "write or copy it again")
         self.size, self.changed = status.st_size, status.st_mtime_ns
         self._descriptor: int | None = None
 
-    def __getstate__(self) -> tuple[str, int, int]:
-        return self.path, self.size, self.changed
+    def __getstate__(self) -> tuple[str, str, int, int]:
+        return self.name, self.path, self.size, self.changed
 
-    def __setstate__(self, state: tuple[str, int, int]) -> None:
-        self.path, self.size, self.changed = state
+    def __setstate__(self, state: tuple[str, str, int, int]) -> None:
+        self.name, self.path, self.size, self.changed = state
         self._descriptor = None
 
     def check(self) -> int:
@@ -58,7 +58,7 @@ class PositionedFile:
             descriptor = self._open() if self._descriptor is None else self._descriptor
             status = os.fstat(descriptor)
         except OSError as error:
-            raise unreadable(self.path, error) from error
+            raise unreadable(self.name, error) from error
         if (status.st_size, status.st_mtime_ns) != (self.size, self.changed):
             raise self._was_changed()
         return descriptor
@@ -103,7 +103,7 @@ class PositionedFile:
                 _announce(descriptor, firsts, lengths)
             content = b"".join(_read_each(descriptor, firsts, lengths))
         except OSError as error:
-            raise unreadable(self.path, error) from error
+            raise unreadable(self.name, error) from error
         if len(content) != sum(lengths):
             raise self._was_changed()
         return content
@@ -115,7 +115,7 @@ class PositionedFile:
                 return os.preadv(descriptor, [view], start)
             content = next(iter(_read_each(descriptor, [start], [len(view)])))
         except OSError as error:
-            raise unreadable(self.path, error) from error
+            raise unreadable(self.name, error) from error
         view[: len(content)] = content
         return len(content)
 
@@ -128,7 +128,7 @@ class PositionedFile:
 
     def _was_changed(self) -> InputError:
         return input_error(
-            self.path, "the file was changed while it was read", "let it be written first, then start again"
+            self.name, "the file was changed while it was read", "let it be written first, then start again"
         )
 
 

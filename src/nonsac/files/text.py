@@ -30,7 +30,7 @@ class Table:
     first_number
         Line number in the file of the first of `lines`.
     names
-        Lower-case column names of the header line, or None where there is none.
+        Lower-case column names of the header line, or None if there is none.
     """
 
     path: FilePath
@@ -46,7 +46,7 @@ class Table:
                 yield number, [value.strip() for value in line.split(separator)]
 
     def first_row(self) -> list[str]:
-        """Return the values of the first row as text; an empty list where there is no row."""
+        """Return the values of the first row as text; an empty list if there is no row."""
         return next(self.rows(), (0, []))[1]
 
     def after_first_row(self, names: tuple[str, ...] | None = None) -> "Table":
@@ -65,7 +65,7 @@ class Table:
         Returns
         -------
         ndarray of float64, shape (n, len(columns))
-            The values; n is 0 where there are no rows.
+            The values; n is 0 if there are no rows.
 
         Raises
         ------
@@ -104,7 +104,7 @@ def read_table(path: FilePath) -> Table:
     Parameters
     ----------
     path
-        The file. Blank lines and what follows ``#`` or ``//`` are skipped. The first line is a header where
+        The file. Blank lines and what follows ``#`` or ``//`` are skipped. The first line is a header if
         none of its values starts like a number.
 
     Returns

@@ -66,7 +66,7 @@ def write_two_view_geometry(
     """Write the relative pose of two images and its inliers into a COLMAP database, in place of what is there.
 
     COLMAP's mapper then takes them as verified. Its essential matrix follows from the pose; the fundamental matrix
-    from this and the cameras without their distortion, and is left out where one is a fisheye.
+    from this and the cameras without their distortion, and is left out if one is a fisheye.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _open(path: FilePath, write: bool = False) -> Iterator[sqlite3.Connection]:
 
 
 def _immutable(path: FilePath, head: bytes) -> str:
-    """Return the option that lets SQLite read a database without writing anything beside it, where that is safe."""
+    """Return the option that lets SQLite read a database without writing anything beside it, if that is safe."""
     # In WAL mode, which COLMAP uses, even a reader leaves files beside the database, unless told that nobody else
     # has it open; then the file with the suffix -wal is missing.
     alone = head[18:20] == _WAL and not Path(f"{os.fspath(path)}-wal").exists()

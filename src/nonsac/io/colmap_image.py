@@ -23,7 +23,7 @@ class ModelImage:
     xy
         Shape (n, 2), all keypoints.
     points
-        Shape (n,), the numbers of the points in space that the keypoints show, -1 where there is none.
+        Shape (n,), the numbers of the points in space that the keypoints show, -1 if there is none.
     """
 
     camera: int

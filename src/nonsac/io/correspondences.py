@@ -19,11 +19,11 @@ class Matches:
     points1, points2
         Shape (n, 2), in pixels, in the order and with the origin that the file has. Rows with NaN are kept.
     weights
-        Shape (n,), larger where a match is more certain; None where nothing tells them apart.
+        Shape (n,), larger if a match is more certain; None if nothing tells them apart.
     camera1, camera2
-        A 3x3 matrix, or a line or dict in the form of COLMAP, for `nonsac.Camera.parse`; None where unknown.
+        A 3x3 matrix, or a line or dict in the form of COLMAP, for `nonsac.Camera.parse`; None if unknown.
     indices
-        Shape (n, 2): which keypoints of the two images these are; None where the source does not number them.
+        Shape (n, 2): which keypoints of the two images these are; None if the source does not number them.
     """
 
     points1: Points
@@ -49,9 +49,9 @@ class PointMatches:
     points3d
         Shape (n, 3), in the unit of the file.
     weights
-        Shape (n,), larger where a match is more certain; None where nothing tells them apart.
+        Shape (n,), larger if a match is more certain; None if nothing tells them apart.
     camera
-        A 3x3 matrix, or a line or dict in the form of COLMAP, for `nonsac.Camera.parse`; None where unknown.
+        A 3x3 matrix, or a line or dict in the form of COLMAP, for `nonsac.Camera.parse`; None if unknown.
     """
 
     points2d: Points

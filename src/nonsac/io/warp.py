@@ -37,7 +37,7 @@ def from_warp(
     -------
     Matches
         The matches of a certainty above 0, row by row of the warp. (0, 0) is the centre of the top-left pixel, as in
-        OpenCV; COLMAP has (0.5, 0.5) there. The weights are the certainties, or None where these were spent on the
+        OpenCV; COLMAP has (0.5, 0.5) there. The weights are the certainties, or None if these were spent on the
         draw: all matches that were drawn count alike.
 
     Raises

@@ -46,16 +46,16 @@ class Hdf5Source(WrappedSource):
     ) -> None:
         file = PositionedFile(path)
         wanted = (dataset,) if isinstance(dataset, str) else tuple(dataset)
-        with open_hdf5(file.path) as opened:
-            datasets = [_find(file.path, opened, name) for name in wanted]
+        with open_hdf5(file.name) as opened:
+            datasets = [_find(file.name, opened, name) for name in wanted]
             shapes = [each.shape for each in datasets]
-            count, widths = common_length(file.path, shapes)
+            count, widths = common_length(file.name, shapes)
             held = wanted if all(len(shape) == 1 for shape in shapes) else None
-            chosen = choose_columns(file.path, columns, sum(widths), held)
+            chosen = choose_columns(file.name, columns, sum(widths), held)
             runs = [(datasets[number], picked) for number, picked in split_columns(chosen, widths)]
             rows = _contiguous(file, runs) or _Hdf5Blocks(file, count, runs)
         names = held and tuple(held[position] for position in chosen)
-        super().__init__(rows, file.path, names, columns is not None)
+        super().__init__(rows, file.name, names, columns is not None)
 
 
 def _contiguous(file: PositionedFile, runs: Sequence[Run]) -> RecordSource | None:

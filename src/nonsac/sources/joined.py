@@ -52,7 +52,7 @@ class JoinedSource(Source):
             yield self._joined([part.rows[first : min(first + rows, stop)] for part in self.parts])
 
     def _joined(self, pieces: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
-        """Copied once, where nothing maps them."""
+        """Copied once, if nothing maps them."""
         mapped = [
             rows if move is None else move(np.array(rows, np.float64, order="C"))
             for rows, move in zip(pieces, self.maps, strict=True)

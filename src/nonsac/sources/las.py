@@ -41,11 +41,11 @@ class LasSource(WrappedSource):
 
     def __init__(self, path: FilePath) -> None:
         file = PositionedFile(path)
-        with open_las(file.path, single_threaded=True) as reader:
+        with open_las(file.name, single_threaded=True) as reader:
             header = reader.header
             self.scales, self.offsets = np.array(header.scales), np.array(header.offsets)
             rows = _LazBlocks(file, reader) if header.are_points_compressed else _las_records(file, header)
-        super().__init__(rows, file.path, ("x", "y", "z"))
+        super().__init__(rows, file.name, ("x", "y", "z"))
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         return self._moved(super().take(indices))
@@ -63,7 +63,7 @@ def _las_records(file: PositionedFile, header: Any) -> RecordSource:
     size, first = header.point_format.size, header.offset_to_point_data
     held = max(0, file.size - first) // size
     if held < header.point_count:
-        raise truncated(file.path, header.point_count, held)
+        raise truncated(file.name, header.point_count, held)
     columns = tuple((position, _COORDINATE) for position in (0, 4, 8))
     return RecordSource([Records(file, first, size, header.point_count, columns)])
 

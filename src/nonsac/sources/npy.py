@@ -37,8 +37,8 @@ class NpySource(RecordSource):
 
     def __init__(self, path: FilePath, columns: Sequence[int | str] | None = None) -> None:
         file = PositionedFile(path)
-        check_kind(file.path, "NumPy array")
-        header = _read_header(file.path)
+        check_kind(file.name, "NumPy array")
+        header = _read_header(file.name)
         if header.dtype.names and len(header.shape) == 1:
             part, names = _fields(file, header, columns)
             super().__init__([part], names, columns is not None)
@@ -46,7 +46,7 @@ class NpySource(RecordSource):
             super().__init__(_arrays(file, header, columns))
         held = (file.size - header.offset) // max(1, header.row_size)
         if held < len(self):
-            raise truncated(file.path, len(self), held, "array")
+            raise truncated(file.name, len(self), held, "array")
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,12 @@ def _read_header(path: str) -> _Header:
 
 
 def _arrays(file: PositionedFile, header: _Header, columns: Sequence[int | str] | None) -> list[Records]:
-    kind = real_dtype(file.path, header.dtype, "an array")
+    kind = real_dtype(file.name, header.dtype, "an array")
     if len(header.shape) != 2 or not header.shape[1]:
         problem = f"holds an array of shape {header.shape} instead of (n, D)"
-        raise input_error(file.path, problem, "save one row per line of the array")
+        raise input_error(file.name, problem, "save one row per line of the array")
     count, width = header.shape
-    chosen = choose_columns(file.path, columns, width)
+    chosen = choose_columns(file.name, columns, width)
     if not header.fortran:
         return [Records(file, header.offset, header.row_size, count, number_columns(kind, chosen))]
     starts = [header.offset + position * count * kind.itemsize for position in chosen]
@@ -96,6 +96,6 @@ def _fields(
 ) -> tuple[Records, tuple[str, ...]]:
     names = header.dtype.names or ()
     fields: Mapping[str, Any] = header.dtype.fields or {}
-    chosen = tuple(names[position] for position in choose_columns(file.path, columns, len(names), names))
-    formats = tuple((fields[name][1], real_dtype(file.path, fields[name][0], f"a field {name!r}")) for name in chosen)
+    chosen = tuple(names[position] for position in choose_columns(file.name, columns, len(names), names))
+    formats = tuple((fields[name][1], real_dtype(file.name, fields[name][0], f"a field {name!r}")) for name in chosen)
     return Records(file, header.offset, header.row_size, header.shape[0], formats), chosen

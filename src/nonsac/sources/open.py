@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.arrays import Archive, as_rows, open_npz
-from nonsac.files.content import content_kind, with_article
+from nonsac.files.content import UTF16, content_kind, with_article
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
 from nonsac.files.records import find_columns
@@ -53,7 +53,8 @@ def open_source(
     columns : sequence of str or int, optional
         The columns wanted, in this order, whatever their names mean: by position from 0 or, if they have names
         (Parquet, Arrow, text with a header line, structured arrays, arrays (n,) of HDF5 and Zarr), by name. By default
-        all; in Parquet and Arrow all columns of numbers.
+        all; in Parquet and Arrow all columns of numbers. In an .npz the columns of both parts, as `points1` and
+        `points2`, count on.
     dataset : str, optional
         Which array of an HDF5 file, a Zarr group or an .npz is meant, if there are several.
 
@@ -63,10 +64,13 @@ def open_source(
 
     Raises
     ------
+    ValueError
+        If `columns` chooses more or fewer than the layout has.
     InputError
         If there is no such file, its kind is unknown or unfit, or it lacks what was asked for.
     """
     asked = _Asked(_layout_of(layout) if isinstance(layout, str) else layout, columns, dataset)
+    _check_chosen(asked)
     source = _opened(path, asked)
     if asked.layout is None:
         return source
@@ -75,6 +79,15 @@ def open_source(
     except ValueError as error:
         name = path if isinstance(path, (str, os.PathLike)) else next(iter(path))
         raise InputError(f"{name}: {error}") from None
+
+
+def _check_chosen(asked: _Asked) -> None:
+    if asked.layout is None or asked.columns is None or isinstance(asked.columns, str):
+        return
+    chosen, width = len(asked.columns), len(asked.layout.names)
+    if chosen not in (width, width + 1):
+        names = " ".join(asked.layout.names)
+        raise ValueError(f"columns must choose {width} ({names}), or {width + 1} with a weight; got {chosen}")
 
 
 def _layout_of(columns: str) -> Layout:
@@ -98,9 +111,8 @@ def _opened(path: FilePath | Sequence[FilePath], asked: _Asked) -> Source:
     name = os.fspath(path)
     kind = _kind_of(name)
     if kind not in _OPENERS:
-        raise input_error(
-            name, f"is no table of rows, it looks like {with_article(kind)}", f"give one of {', '.join(_OPENERS)}"
-        )
+        fix = "save it as UTF-8 text" if kind == UTF16 else f"give one of {', '.join(_OPENERS)}"
+        raise input_error(name, f"is no table of rows, it looks like {with_article(kind)}", fix)
     if asked.dataset is not None and kind not in _WITH_DATASETS:
         raise input_error(name, f"holds no datasets, it is {with_article(kind)}", "leave the dataset out")
     if is_url(name) and kind not in _BEHIND_URLS:
@@ -122,6 +134,8 @@ def _kind_of(path: str) -> str:
         return "Parquet file"
     if is_folder(path):
         return "Zarr folder" if any(holds(path, name) for name in _FILES_OF_ZARR) else "Parquet file"
+    if not is_url(path) and os.path.exists(path) and not os.path.isfile(path):
+        raise input_error(path, "is no regular file", "copy what it gives to a file on disk")
     head = read_head(path, _HEAD_LENGTH)
     if not head:
         raise input_error(path, "the file is empty", "write or copy it again")
@@ -177,19 +191,22 @@ def _check_numbers(path: str, layout: Layout, names: Sequence[str], others: Mapp
 
 
 def _open_npz(path: str, asked: _Asked) -> Source:
-    if asked.columns is None and asked.dataset is None:
-        return _open_archive(path, asked.layout)
+    if asked.dataset is not None:
+        return _narrowed(path, _named_array(path, asked.dataset), asked.columns)
+    return _narrowed(path, _open_archive(path, None if asked.columns else asked.layout), asked.columns)
+
+
+def _named_array(path: str, name: str) -> ArraySource:
     with open_npz(path) as archive:
-        if asked.dataset is not None and asked.dataset not in archive.names:
-            raise not_held(path, f"array {asked.dataset!r}", archive.names)
-        tables = {name: array for name in archive.names if (array := archive.load(name)).ndim == 2}
-    name = _the_only(path, list(tables)) if asked.dataset is None else asked.dataset
-    if name not in tables:
-        raise input_error(path, f"the array {name!r} has not the shape (n, D)", "name one with rows")
-    return _narrowed(path, _of_numbers(path, [tables[name]]), asked.columns)
+        if name not in archive.names:
+            raise not_held(path, f"array {name!r}", archive.names)
+        array = archive.load(name)
+    if array.ndim != 2:
+        raise input_error(path, f"the array {name!r} has the shape {array.shape}, not (n, D)", "name one with rows")
+    return _of_numbers(path, [array])
 
 
-def _open_archive(path: str, layout: Layout | None) -> Source:
+def _open_archive(path: str, layout: Layout | None) -> ArraySource:
     """Both parts of the rows under their keys, and the weights; else the only array that fits."""
     layouts = _KNOWN if layout is None else (layout,)
     with open_npz(path) as archive:

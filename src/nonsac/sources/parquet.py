@@ -22,7 +22,7 @@ from nonsac.sources.contract import About
 SUFFIXES = (".parquet", ".pq", ".parq", ".arrow", ".feather", ".ipc")
 _MARK_OF_ARROW = b"ARROW1"
 _NAMES_SHOWN = 20
-_AT_ONCE = 8  # footers, which are far away where there are many
+_AT_ONCE = 8  # footers, which are far away if there are many
 
 
 class ParquetSource(BlockSource):
@@ -36,7 +36,7 @@ class ParquetSource(BlockSource):
     ----------
     paths : path, URL or sequence of them
         A file, a folder (of its files at any depth those that end in .parquet, .arrow, .feather and the like; or all,
-        where none does), a pattern with `*`, or several of these, here or at any URL that fsspec knows (`s3://...`).
+        if none does), a pattern with `*`, or several of these, here or at any URL that fsspec knows (`s3://...`).
         Rows are numbered through the files in this order, within a folder or pattern by name.
     columns : sequence of str or int, optional
         Names of columns, or their positions in the first file, in the order of the rows wanted; by default all columns
@@ -53,18 +53,18 @@ class ParquetSource(BlockSource):
     Raises
     ------
     InputError
-        Where a file cannot be read, is of another kind, truncated or damaged, or lacks a column; also while rows are
-        taken, where a file was changed since. The message names the file.
+        If a file cannot be read, is of another kind, truncated or damaged, or lacks a column; also while rows are
+        taken, if a file was changed since. The message names the file.
     """
 
     def __init__(self, paths: FilePath | Sequence[FilePath], columns: Sequence[str | int] | None = None) -> None:
         files = listed_files(paths, SUFFIXES)
         self.paths = [path if is_url(path) else os.path.abspath(path) for path in files]  # workers may be elsewhere
-        _import_pyarrow(self.paths[0])
-        first = _read_footer(self.paths[0], lambda schema: _chosen(self.paths[0], schema, columns))
+        _import_pyarrow(files[0])
+        first = _read_footer(files[0], lambda schema: _chosen(files[0], schema, columns))
         self.names, self.chosen, self.other_columns = first.names, columns is not None, first.others
         with ThreadPoolExecutor(_AT_ONCE) as pool:
-            others = pool.map(lambda path: _read_footer(path, lambda _: self.names), self.paths[1:])
+            others = pool.map(lambda path: _read_footer(path, lambda _: self.names), files[1:])
             footers = [first, *others]
         rows = [count for footer in footers for count in footer.block_rows]
         super().__init__(np.array([0, *accumulate(rows)], np.int64), len(self.names))

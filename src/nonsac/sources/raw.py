@@ -39,15 +39,15 @@ class RawSource(RecordSource):
         if width < 1 or offset < 0 or (rows is not None and rows < 0):
             raise ValueError(f"width must be positive, offset and rows not negative; got {width}, {offset} and {rows}")
         file = PositionedFile(path)
-        kind = real_dtype(file.path, dtype)
+        kind = real_dtype(file.name, dtype)
         size = width * kind.itemsize
         held, rest = divmod(max(file.size - offset, 0), size)
         if rows is None and (rest or not held):
             problem = f"its {file.size} bytes are no whole number of rows of {size} bytes after {offset} others"
-            raise input_error(file.path, problem, "check dtype, width and offset")
+            raise input_error(file.name, problem, "check dtype, width and offset")
         if rows is not None and rows > held:
             raise input_error(
-                file.path, f"the file is truncated: it holds {held} rows of {rows}", "copy or save it again"
+                file.name, f"the file is truncated: it holds {held} rows of {rows}", "copy or save it again"
             )
         super().__init__(
             [Records(file, offset, size, held if rows is None else rows, number_columns(kind, range(width)))]

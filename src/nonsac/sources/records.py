@@ -92,7 +92,7 @@ class RecordSource(Source):
         self.width = sum(len(part.columns) for part in parts)
 
     def __repr__(self) -> str:
-        path = self.parts[0].file.path
+        path = self.parts[0].file.name
         return f"{type(self).__name__}({path!r}: {len(self)} x {self.width})"
 
     @property

@@ -31,7 +31,7 @@ class StreamSource(ArraySource):
     chunks : iterable of (k, D) array
         Real numbers; k may differ, D not. A stream without a chunk gives a source of 0 rows and 0 columns.
     rows : int
-        How many rows are kept: all, where the stream has no more.
+        How many rows are kept: all, if the stream has no more.
     rng : int, numpy Generator or None
         The seed of the keys; None takes fresh entropy.
 
@@ -43,7 +43,7 @@ class StreamSource(ArraySource):
     Raises
     ------
     ValueError, TypeError
-        Where a chunk is not a (k, D) array of real numbers, or of another width than the first; the message counts
+        If a chunk is not a (k, D) array of real numbers, or of another width than the first; the message counts
         chunks from 0.
     """
 

@@ -17,7 +17,7 @@ from nonsac.sources.contract import About
 
 
 class ZarrSource(EvenBlockSource):
-    """Rows of one or several Zarr arrays, in blocks of whole chunks or, where the array has them, shards.
+    """Rows of one or several Zarr arrays, in blocks of whole chunks or, if the array has them, shards.
 
     Parameters
     ----------
@@ -44,8 +44,6 @@ class ZarrSource(EvenBlockSource):
         columns: Sequence[int | str] | None = None,
     ) -> None:
         self.path = os.fspath(path)
-        if "://" not in self.path:
-            self.path = os.path.abspath(self.path)
         self.arrays = (array,) if isinstance(array, str) else None if array is None else tuple(array)
         opened = self._open()
         for each in opened:
@@ -60,6 +58,8 @@ class ZarrSource(EvenBlockSource):
         chunk = max(_chunk_rows(opened[number]) for number, _ in self.runs)
         stored = sum(opened[number].nbytes for number in {number for number, _ in self.runs})
         super().__init__(rows, block_rows(chunk, len(chosen)), len(chosen), stored)
+        if "://" not in self.path:
+            self.path = os.path.abspath(self.path)  # workers may be elsewhere
 
     @property
     def about(self) -> About:
