@@ -14,7 +14,9 @@ import pytest
 import nonsac
 from cli_samples import FIRST, SECOND, matrix, said, scene, subprocess_nonsac, two_views, write_hloc, write_table
 from nonsac import simulate
+from nonsac.cli.batch import _Summarise, _write_parquet
 from nonsac.running import journal
+from plane import Plane
 from waiting import wait_until
 
 
@@ -83,6 +85,25 @@ def test_parquet_holds_the_same(run, four):
     for row, line in zip(table, results(), strict=True):
         flat = line["T"] and np.ravel(line["T"]).tolist()
         assert row == line | {"T": flat}
+
+
+def test_models_that_are_no_motions_are_written_as_they_are(tmp_path, rng):
+    parquet = pytest.importorskip("pyarrow.parquet")
+
+    class Flat(nonsac.Job):
+        """A plane, as a call would find it that gives no T."""
+
+        def run(self, time_limit=None):
+            rows = rng.uniform(-1, 1, (400, 3))
+            rows[:200, 2] = 0.5
+            return nonsac.estimate(nonsac.ArraySource(rows), Plane(), noise=0.01)
+
+    record = _Summarise(None)(Flat("register_pairs", np.zeros((9, 3)), np.zeros((9, 3)), name="a"))
+    assert record["success"]
+    assert record["T"] is None
+    np.testing.assert_allclose(np.abs(record["model"]), [0, 0, 1, 0.5], atol=1e-12)
+    _write_parquet(tmp_path / "out.parquet", iter([record]))
+    assert parquet.read_table(tmp_path / "out.parquet").to_pylist() == [record]
 
 
 def test_every_call_with_files_beside_the_manifest(run, folder):

@@ -29,6 +29,7 @@ _FACTS = (
     "confidence",
     "T",
     "scale",
+    "model",
     "num_inliers",
     "num_rows",
     "inlier_ratio",
@@ -155,7 +156,7 @@ class _Summarise:
             warnings.simplefilter("always", UserWarning)
             result = job.run(self.time_limit).to_dict()
         remarks = [str(warning.message) for warning in told if warning.category is UserWarning]
-        facts = {fact: result[fact] for fact in _FACTS}
+        facts = {fact: result.get(fact) for fact in _FACTS}
         return _named(job) | facts | {"remarks": [*result["info"].get("remarks", []), *remarks], "error": None}
 
 
@@ -195,7 +196,7 @@ def _write_lines(path: Path, records: Iterator[dict[str, Any]]) -> None:
 
 
 def _write_parquet(path: Path, records: Iterator[dict[str, Any]]) -> None:
-    """T as 16 numbers, row by row; null if there is none."""
+    """T as 16 numbers, row by row, or the numbers of another model; null if there is none."""
     from itertools import islice
 
     import pyarrow as pa
@@ -204,6 +205,7 @@ def _write_parquet(path: Path, records: Iterator[dict[str, Any]]) -> None:
     kinds = dict.fromkeys(("name", "call", "status", "error"), pa.string()) | {
         "success": pa.bool_(),
         "T": pa.list_(pa.float64(), 16),
+        "model": pa.list_(pa.float64()),
         "num_inliers": pa.int64(),
         "num_rows": pa.int64(),
         "remarks": pa.list_(pa.string()),
@@ -216,8 +218,15 @@ def _write_parquet(path: Path, records: Iterator[dict[str, Any]]) -> None:
 
 
 def _flat(record: dict[str, Any]) -> dict[str, Any]:
-    T = record["T"] and [number for row in record["T"] for number in row]
-    return record | {"T": T if T and None not in T else None}
+    return record | {name: _numbers(record[name]) for name in ("T", "model")}
+
+
+def _numbers(nested: list[Any] | None) -> list[float] | None:
+    """The numbers of a matrix or vector, row by row; None if there is none, or if it was not found."""
+    import numpy as np
+
+    numbers = np.array(nested if nested is not None else [np.nan], np.float64)  # None becomes NaN
+    return numbers.ravel().tolist() if np.isfinite(numbers).all() else None
 
 
 def _told(counts: Counter[str], total: int) -> str:
