@@ -1,4 +1,5 @@
 import inspect
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from typing import get_type_hints
@@ -44,8 +45,8 @@ def test_calls_show_all_settings_with_their_defaults(call):
     refine = "union" if call is nonsac.estimate else "polish"
     for name in NAMES:
         assert shown[name].default == (refine if name == "refine" else default_of(name))
-        assert name in call.__doc__
-    assert "{settings}" not in call.__doc__
+        assert re.search(rf"^    (\w+, )*{name}(, \w+)*( : .*)?$", call.__doc__, re.MULTILINE)
+    assert "{" not in call.__doc__
 
 
 def test_what_is_not_given_is_the_default():

@@ -42,7 +42,7 @@ def register_pairs(
     noise : float, optional
         Standard deviation of a right match per coordinate, in the unit of the data; measured if it is left out. Rows
         with a residual below 5 `noise` are inliers.
-    samples, sample_size, max_samples, time_limit, max_memory, estimator, rule, refine, workers, rng, progress
+    {others}
         As in `nonsac.estimate`; the default estimator is the paper's variant of PCR-99 (Sec. 4.3), or the published
         one if the scale is free. The rule decides the answer only with refine="none".
 

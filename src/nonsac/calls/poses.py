@@ -53,7 +53,7 @@ def relative_pose(
     noise : float, optional
         Standard deviation of a right match, in pixels if cameras are given, else in normalised coordinates; measured
         if it is left out. Rows with a Sampson residual below 5 `noise` are inliers.
-    samples, sample_size, max_samples, time_limit, max_memory, estimator, rule, refine, workers, rng, progress
+    {others}
         As in `nonsac.estimate`; the default estimator is `Ransac` with the five-point method, local optimisation and
         early stopping. The rule decides the answer only with refine="none". In `tlp_0.1` the p of the paper's Eq. 2 is
         applied to Sampson residuals as lengths; the paper compares their squares (Sec. 4.1), so that its p = 0.1 is
@@ -117,7 +117,7 @@ def absolute_pose(
         Standard deviation of an image point in each direction, in pixels if a camera is given, else in normalised
         coordinates; measured if it is left out. Rows with a reprojection error below 5 `noise` are inliers; points
         behind the camera never are.
-    samples, sample_size, max_samples, time_limit, max_memory, estimator, rule, refine, workers, rng, progress
+    {others}
         As in `nonsac.estimate`; the default estimator is `Ransac` with P3P, local optimisation and early stopping. The
         rule decides the answer only with refine="none".
 

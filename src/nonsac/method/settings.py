@@ -425,7 +425,8 @@ def default_of(name: str) -> Any:
 def shows_settings(*without: str, **defaults: Any) -> Callable[[Function], Function]:
     """Lets `help()` and completion show the settings that a function takes as `**settings`.
 
-    A line `{settings}` in its docstring becomes their descriptions.
+    A line `{settings}` in its docstring becomes their descriptions, and `{others}` the names of those that it does not
+    describe.
     """
 
     def decorated(function: Function) -> Function:
@@ -443,7 +444,9 @@ def shows_settings(*without: str, **defaults: Any) -> Callable[[Function], Funct
         ]
         function.__signature__ = signature.replace(parameters=[*own, *settings])  # type: ignore[attr-defined]
         described = "\n".join(_described(each.name) for each in shown)
-        function.__doc__ = (function.__doc__ or "").replace("    {settings}", described)
+        text = (function.__doc__ or "").replace("    {settings}", described)
+        others = ", ".join(each.name for each in shown if f"\n    {each.name} : " not in text)
+        function.__doc__ = text.replace("{others}", others)
         return function
 
     return decorated
