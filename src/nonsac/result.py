@@ -205,8 +205,8 @@ class Result:
     covariance : (6, 6), (7, 7) or (5, 5) float64, or None
         Of a rigid motion or an absolute pose: of the rotation vector w in radians, for which R becomes exp([w]x) R, and
         of t. If the scale was estimated, its logarithm is the seventh. Of a relative pose: of w and of the direction
-        of t, in two axes of its tangent plane (`pose_math.tangents`). With points far from the origin t depends on w,
-        and its variance is large. None if nothing was found, for raw clouds, and if rows have weights.
+        of t, in two axes of its tangent plane (`kernels.pose_math.tangents`). With points far from the origin t depends
+        on w, and its variance is large. None if nothing was found, for raw clouds, and if rows have weights.
 
         It comes from the residuals themselves, whatever the noise was said to be. In simulations the mean of
         e^T C^-1 e / p, of errors e of p parameters, is 0.85 to 1.15 from ten inliers on, and with up to 90 % outliers

@@ -50,6 +50,7 @@ def register_clouds(
     workers : None, int or concurrent.futures.Executor
         One thread for each core, this many threads, or an executor. The answer is the same, bit for bit.
     rng : int, numpy Generator or None
+        The seed; None takes fresh entropy, which is recorded in `info["seed"]`.
     progress : callable, optional
         Called as `progress(done, samples)`.
 
