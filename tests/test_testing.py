@@ -123,6 +123,18 @@ class ComparedToTheFirst(Line):
         return super().residuals(np.broadcast_to(models[:1], models.shape), rows)
 
 
+class Squared(Line):
+    """Gives squares of distances."""
+
+    def residuals(self, models, rows):
+        return super().residuals(models, rows) ** 2
+
+
+class Misspelt(Line):
+    def special_case(self, model, inliers, noise):
+        return ()
+
+
 class ChangesRows(Line):
     def residuals(self, models, rows):
         residuals = super().residuals(models, rows)
@@ -203,6 +215,11 @@ class FlatDistance(Line):
 class DirectedDistance(Line):
     def distance(self, a, b):
         return np.maximum(np.asarray(a) - b, 0.0).sum(axis=-1)
+
+
+class NoDistance(Line):
+    def distance(self, a, b):
+        return 0.0 * super().distance(a, b)
 
 
 class FarFromItself(Line):
@@ -300,6 +317,8 @@ PROBLEMS = {
     FirstModelOnly: ".residuals gave (1, 60) for 20 models and 60 rows",
     Flat: ".residuals gave (60,) for 20 models and 60 rows",
     ComparedToTheFirst: ".residuals of several models are not those of each by itself",
+    Squared: ".residuals grow by a factor of 4 if rows go twice as far from a model; they are lengths, no squares",
+    Misspelt: ".special_case is not part of nonsac.Problem: was `special_cases` meant?",
     ChangesRows: ".residuals changes the rows that it is given",
     NeedsRows: ".residuals fails for no rows: it raised ValueError: zero-size array",
     ListOfResiduals: ".residuals gave a list, not an array",
@@ -315,6 +334,7 @@ PROBLEMS = {
     UndeterminedWithoutModel: ".determined is false for a model of NaN",
     FlatDistance: ".distance does not broadcast",
     DirectedDistance: ".distance is not symmetric",
+    NoDistance: ".distance of different models is 0",
     FarFromItself: ".distance of a model to itself is not 0",
     NearNothing: ".distance to no model must be NaN",
     LoudDistance: ".distance raised UserWarning: no model",
@@ -410,6 +430,12 @@ class WithoutSupport(Search):
         return replace(found, residuals=np.full(len(rows), 2 * noise.threshold))
 
 
+class TwiceAsManyResiduals(Search):
+    def estimate(self, problem, rows, noise, rng):
+        found = super().estimate(problem, rows, noise, rng)
+        return replace(found, residuals=np.repeat(found.residuals, 2))
+
+
 class TestedNothing(Search):
     def estimate(self, problem, rows, noise, rng):
         return replace(super().estimate(problem, rows, noise, rng), tested=0)
@@ -483,6 +509,7 @@ ESTIMATORS = {
     SortsRows: ".estimate changes the rows that it is given",
     OtherThreshold: ".estimate gives another threshold than noise.threshold",
     WithoutSupport: ".estimate finds a model without support",
+    TwiceAsManyResiduals: ".estimate gives residuals of the shape (1200,) for 600 rows",
     TestedNothing: " tells that it tested 0 models",
     OwnNumbers: " gives another model for the same random numbers",
     Homesick: " gives another model in another process (pickle)",
@@ -659,12 +686,12 @@ class PickyRefiner(Winner):
 REFINERS = {
     Other: "is not derived from nonsac.Refiner",
     FarOff: " gives an answer that is not trusted: low_support, with a confidence of 0",
-    FlatAnswer: " gives a model of the shape (2,)",
+    FlatAnswer: ".refine gave a model of the shape (2,)",
     CountsRounds: " gives another model for another number of workers",
     TooSure: " gives a confidence of 2.0",
     CountsTooMany: ": 1000000 inliers of 600 rows",
     FindsNoInliers: ": 0 inliers of 600 rows",
-    GivesModel: " raised AttributeError: 'numpy.ndarray' object has no attribute",
+    GivesModel: ".refine must give a nonsac.Refinement, got ndarray",
     FailingRefiner: " raised ZeroDivisionError: by zero",
     PickyRefiner: " raised ValueError: another problem is needed",
 }
@@ -763,6 +790,11 @@ class WrapsAround(Table):
         return self.rows[np.asarray(indices) % 20]
 
 
+class CountsFromTheEnd(Table):
+    def take(self, indices):
+        return self.rows[np.asarray(indices)].copy()
+
+
 class GivesNanRows(Table):
     """For rows that do not exist."""
 
@@ -836,8 +868,9 @@ SOURCES = {
     Sideways: ".take must give a fresh, writable, C-order float64 array",
     ReadOnly: ".take must give a fresh, writable, C-order float64 array",
     ItsOwnRows: " takes other rows than asked for",
-    WrapsAround: ".take must raise IndexError for row 1000020",
-    GivesNanRows: ".take must raise IndexError for row 1000020",
+    WrapsAround: ".take must raise IndexError for row 20",
+    CountsFromTheEnd: ".take must raise IndexError for row -1",
+    GivesNanRows: ".take must raise IndexError for row 20",
     OtherError: " raised ValueError: no such row",
     UnevenChunks: ".chunks(4) gives chunks of other sizes",
     WholeChunks: ".chunks are not all rows in order",

@@ -21,9 +21,19 @@ if TYPE_CHECKING:
     from nonsac.method.planning import Plan, plan
     from nonsac.method.refine import Refinement, Refiner
     from nonsac.method.scoring import ScoringRule
-    from nonsac.problems import AbsolutePose, Noise, Problem, Registration, RelativePose, SpecialCase
+    from nonsac.problems import (
+        AbsolutePose,
+        ContractBroken,
+        Noise,
+        Problem,
+        Registration,
+        RelativePose,
+        SpecialCase,
+        Streaming,
+    )
     from nonsac.result import Alternative, FailedEstimation, Hypothesis, Remark, Result, Status
     from nonsac.sources import (
+        About,
         AllPairsSource,
         ArraySource,
         Hdf5Source,
@@ -42,11 +52,13 @@ if TYPE_CHECKING:
 __version__ = version("nonsac")
 
 __all__ = [
+    "About",
     "AbsolutePose",
     "AllPairsSource",
     "Alternative",
     "ArraySource",
     "Camera",
+    "ContractBroken",
     "Estimator",
     "External",
     "FailedEstimation",
@@ -78,6 +90,7 @@ __all__ = [
     "SpecialCase",
     "Status",
     "StreamSource",
+    "Streaming",
     "WorkerDied",
     "ZarrSource",
     "absolute_pose",
@@ -109,9 +122,19 @@ _HOMES = {
     "nonsac.method.planning": ("Plan", "plan"),
     "nonsac.method.refine": ("Refinement", "Refiner"),
     "nonsac.method.scoring": ("ScoringRule",),
-    "nonsac.problems": ("AbsolutePose", "Noise", "Problem", "Registration", "RelativePose", "SpecialCase"),
+    "nonsac.problems": (
+        "AbsolutePose",
+        "ContractBroken",
+        "Noise",
+        "Problem",
+        "Registration",
+        "RelativePose",
+        "SpecialCase",
+        "Streaming",
+    ),
     "nonsac.result": ("Alternative", "FailedEstimation", "Hypothesis", "Remark", "Result", "Status"),
     "nonsac.sources": (
+        "About",
         "AllPairsSource",
         "ArraySource",
         "Hdf5Source",

@@ -45,6 +45,8 @@ class Layout:
     def __post_init__(self) -> None:
         if not isinstance(self.columns, str):
             raise TypeError(f'columns must be names in one string, as "x1 y1 | x2 y2", got {self.columns!r}')
+        if "," in self.columns:
+            raise ValueError(f'columns must be names separated by spaces, as "x1 y1 | x2 y2", got {self.columns!r}')
         if not self.names or len(set(self.names)) < len(self.names) or not all(self.widths) or len(self.widths) > 2:
             raise ValueError(
                 f'columns must be different names, with at most one bar between them ("x1 y1 | x2 y2"), '

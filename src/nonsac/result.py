@@ -122,7 +122,7 @@ class Hypothesis:
     alternatives: Array | tuple[()] = ()
     promising: Rows | None = None
     rank_scores: Array = field(default_factory=lambda: np.empty(0))
-    tested: int | None = 1
+    tested: int | None = None
     dropped: int = 0
     score: float = float("nan")
     fault: str = ""

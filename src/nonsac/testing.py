@@ -11,6 +11,7 @@ Examples
 
 from __future__ import annotations
 
+import difflib
 import pickle
 import warnings
 from collections.abc import Callable, Sequence
@@ -83,12 +84,14 @@ def check_problem(problem: Problem, rows: ArrayLike, *, tolerance: float = 1e-6)
     """
     name, table = type(problem).__name__, np.array(rows, np.float64, order="C")
     _expect(isinstance(problem, Problem), f"{name} is not derived from nonsac.Problem")
+    _check_names(problem)
     size = problem.minimal_size + 10
     expected = f"rows must have the shape (n, {problem.width}) with n of at least {size}, got {table.shape}"
     _expect(table.ndim == 2 and table.shape[1] == problem.width and len(table) >= size, expected)
     _check_background(problem, table)
     model, unit = _check_solver(problem, table, tolerance)
     _check_residuals(problem, model, table)
+    _check_lengths(problem, model, table)
     _check_counts(problem, model, table, unit)
     _check_fits(problem, model, table, tolerance * unit)
     _check_distance(problem, model)
@@ -125,6 +128,10 @@ def check_estimator(estimator: Estimator, problem: Problem, rows: ArrayLike, noi
     _expect(np.array_equal(table.values, before), f"{name}.estimate changes the rows that it is given")
     _expect(found.found, f"{name}.estimate finds no model in these rows")
     _expect(found.threshold == level.threshold, f"{name}.estimate gives another threshold than noise.threshold")
+    _expect(  # no more than rows: some count points that several rows share
+        np.ndim(found.residuals) == 1 and len(found.residuals) <= len(table),
+        f"{name}.estimate gives residuals of the shape {np.shape(found.residuals)} for {len(table)} rows",
+    )
     _expect(found.num_inliers > problem.minimal_size, f"{name}.estimate finds a model without support")
     _expect(found.tested is None or found.tested >= 1, f"{name} tells that it tested {found.tested} models")
     again = _estimated(estimator, problem, table, level)
@@ -210,7 +217,7 @@ def check_source(source: Source, rows: ArrayLike) -> None:
     taken = source.take(np.array([1, 2]))
     taken[:] = -1.0
     _check_taken(name, source, np.array([1, 2]), table)
-    for number in (len(table) + 10**6, -(10**6)):
+    for number in (len(table), len(table) + 10**6, -1, -(10**6)):
         _expect(_refuses(source, number), f"{name}.take must raise IndexError for row {number}")
     for size in (1, 4, len(table) + 5):
         _check_chunks(name, list(source.chunks(size)), size, table)
@@ -235,6 +242,15 @@ def _travelled(part: Part) -> Part:
         name = type(part).__name__
         raise _Refused(_raised(f"{name} does not travel to other processes (pickle): it", error)) from error
     return copy
+
+
+def _check_names(problem: Problem) -> None:
+    """Refuse what looks like a method or an attribute of the contract, but is none and would never be used."""
+    name, known = type(problem).__name__, [each for each in dir(Problem) if not each.startswith("_")]
+    own = {each for kind in type(problem).__mro__ if Problem in kind.__mro__[1:] for each in vars(kind)}
+    for each in sorted(own - {*known}):
+        meant = [word for word in difflib.get_close_matches(each, known, cutoff=0.85) if word not in own]
+        _expect(not meant, f"{name}.{each} is not part of nonsac.Problem: was `{''.join(meant[:1])}` meant?")
 
 
 def _check_solver(problem: Problem, rows: Array, tolerance: float) -> tuple[Array, float]:
@@ -264,7 +280,6 @@ def _check_residuals(problem: Problem, model: Array, rows: Array) -> None:
     name, (before, models) = type(problem).__name__, (rows.copy(), np.stack([model, 0.5 * model + 0.1, model]))
     together = _residuals(problem, models, rows)
     _expect(np.array_equal(rows, before), f"{name}.residuals changes the rows that it is given")
-    _expect(not (together < 0.0).any(), f"{name}.residuals gave negative numbers; they are lengths")
     each = np.vstack([_residuals(problem, one[None], rows) for one in models])
     _expect(np.allclose(together, each), f"{name}.residuals of several models are not those of each by itself")
     try:
@@ -274,6 +289,18 @@ def _check_residuals(problem: Problem, model: Array, rows: Array) -> None:
     _expect(nothing.shape == (3, 0), f"{name}.residuals gave {nothing.shape} for 3 models and no rows")
 
 
+def _check_lengths(problem: Problem, model: Array, rows: Array) -> None:
+    """Residuals double if rows go twice as far from a model; of squares it is four times as much."""
+    name, away = type(problem).__name__, problem.background(rows, len(rows), np.random.default_rng(4)) - rows
+    once, twice = (_residuals(problem, model[None], rows + step * away)[0] for step in (1e-3, 2e-3))
+    growth = float(np.median(twice[once > 0.0] / once[once > 0.0]))
+    _expect(
+        1.5 < growth < 2.5,
+        f"{name}.residuals grow by a factor of {growth:.3g} if rows go twice as far from a model; they are lengths, "
+        "no squares",
+    )
+
+
 def _residuals(problem: Problem, models: Array, rows: Array) -> Array:
     name, residuals = type(problem).__name__, problem.residuals(models, rows)
     _expect(isinstance(residuals, np.ndarray), f"{name}.residuals gave a {type(residuals).__name__}, not an array")
@@ -281,6 +308,7 @@ def _residuals(problem: Problem, models: Array, rows: Array) -> Array:
     _expect(
         residuals.shape == shape, f"{name}.residuals gave {residuals.shape} for {shape[0]} models and {shape[1]} rows"
     )
+    _expect(not (residuals < 0.0).any(), f"{name}.residuals gave negative numbers; they are lengths")
     return residuals
 
 
@@ -335,6 +363,7 @@ def _check_distance(problem: Problem, model: Array) -> None:
             raise _Refused(_raised(f"{name}.distance", error)) from error
     _expect(table.shape == (3, 3), f"{name}.distance does not broadcast: {table.shape} for (3, 1) and (1, 3) models")
     _expect(np.allclose(np.diag(table), 0.0, atol=1e-5), f"{name}.distance of a model to itself is not 0")
+    _expect(bool((table != 0.0).any()), f"{name}.distance of different models is 0")
     _expect(np.allclose(table, table.T, equal_nan=True), f"{name}.distance is not symmetric")
     _expect(bool(np.isnan(nowhere).all()), f"{name}.distance to no model must be NaN")
 

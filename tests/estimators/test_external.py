@@ -306,12 +306,31 @@ def test_a_function_that_always_fails_ends_without_an_answer_and_says_why(rng):
     assert len(calls) == 8  # no more than it takes to see that it always fails
 
 
-def test_a_function_that_finds_nothing_is_no_failure(rng):
+def test_a_function_that_finds_nothing_is_told(rng):
     result = solved(nothing, shifted(rng, 20_000), samples=4)
     assert not result.found
     assert result.status is Status.LOW_SUPPORT
-    assert result.remarks == ()
-    assert [h.fault for h in result.hypotheses] == [""] * 4
+    assert result.remarks == ("the estimator failed in some samples: 4 of 4 (the function gave None)",)
+    assert [h.fault for h in result.hypotheses] == ["the function gave None"] * 4
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        ((np.zeros((3, 4)), np.ones(9)), "TypeError: the function gave a tuple of 2 (a model and a mask?): return the"),
+        (np.full((3, 4), 1j), "TypeError: the function gave complex numbers: return a model of real ones"),
+        (np.full((3, 4), np.nan), "the function gave no finite model"),
+    ],
+)
+def test_answers_that_are_no_models_are_told(answer, told, rng):
+    result = solved(lambda values, threshold, seed: answer, shifted(rng, 20_000), samples=2)
+    assert not result.found
+    assert told in result.remarks[0]
+
+
+def test_needs_is_a_name():
+    with pytest.raises(TypeError, match=r'needs must be the name of a module, such as "cv2", got <module'):
+        nonsac.External(nothing, needs=np)
 
 
 def test_without_matches_no_function_is_trusted(rng):

@@ -83,7 +83,7 @@ def test_a_row_of_twice_the_weight_counts_as_two(rng):
     weights, start = rng.integers(1, 4, 300), naive.shift_model(3.0 + NOISE)
     once, often = Rows(values, weights.astype(float)), Rows(np.repeat(values, weights, axis=0))
     residuals = Residuals.of(naive.Shift(), start, Rows(values))
-    repeated = Residuals(np.repeat(residuals.of_rows, weights), residuals.shuffled)
+    repeated = Residuals(np.repeat(residuals.of_rows, weights), residuals.background)
     mixture = Mixture.seen_in(residuals, NOISE, 1)
     fitted = mixture_fit(naive.Shift(), start, once, residuals, NOISE)
     with pytest.MonkeyPatch.context() as patch:

@@ -695,9 +695,94 @@ def test_wrong_arguments_are_refused_by_name(name, wrong):
 
 @pytest.mark.parametrize("width", [1, 4])
 def test_a_source_of_the_wrong_width_is_refused(width):
-    message = rf"source must have 2 columns \({' '.join(naive.Shift().layout.names)}\), or one more with a weight, got "
-    with pytest.raises(ValueError, match=f"{message}{width}"):
+    names = " ".join(naive.Shift().layout.names)
+    message = rf"source is a source with rows of {width} columns, not of 2 \({names}\), or 3 with a weight; choose col"
+    with pytest.raises(ValueError, match=message):
         run(np.zeros((10, width)))
+
+
+def test_columns_are_found_by_their_names(rng):
+    rows = points_on_a_line(rng, 2000, 0.5)
+    expected = estimate(ArraySource(rows), naive.Line(), noise=0.02)
+    names = naive.Line().layout.names
+    turned = np.column_stack([rng.uniform(size=2000), rows[:, ::-1]])
+    for source in (ArraySource(turned, ("other", *names[::-1])), ArraySource(rows, [name.upper() for name in names])):
+        np.testing.assert_array_equal(estimate(source, naive.Line(), noise=0.02).model, expected.model)
+    with pytest.raises(
+        ValueError, match=rf"source is a source with rows of 2 columns \(u v\), of which none .* {names[0]}"
+    ):
+        estimate(ArraySource(rows, ("u", "v")), naive.Line(), noise=0.02)
+
+
+def test_a_last_column_that_is_no_weight_is_told(rng):
+    table = np.column_stack([points_on_a_line(rng, 100, 0.5), rng.uniform(-1, 1, 100)])
+    with pytest.raises(
+        ValueError, match=r"^weights must not be negative, got -.*the last column of source is taken as"
+    ):
+        estimate(ArraySource(table), naive.Line(), noise=0.02)
+
+
+@pytest.mark.parametrize("stop", [3, "never"])
+def test_stop_is_a_function(stop):
+    with pytest.raises(TypeError, match=r"^stop must be a function of \(hypotheses, problem\), or None, got"):
+        run(np.zeros((10, 2)), stop=stop)
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (lambda rows: rows[:-1], r"Short\.take gave float64 \(\d+, 2\) for \d+ rows of 2 columns: return a float64"),
+        (lambda rows: rows.tolist(), r"Short\.take gave list for \d+ rows"),
+        (lambda rows: rows.astype(np.float32), r"Short\.take gave float32"),
+    ],
+)
+def test_a_source_that_gives_something_else_is_refused(answer, told):
+    class Short(ArraySource):
+        def take(self, indices):
+            return answer(super().take(indices))
+
+    with pytest.raises(nonsac.ContractBroken, match=told):
+        estimate(Short(shifted_rows()), naive.Shift(), MockEstimator(), noise=0.1)
+
+
+@pytest.mark.parametrize(
+    ("scores", "told"),
+    [
+        (lambda found: [1.0], r"\(1,\)"),
+        (lambda found: 1.0, r"\(\)"),
+        (lambda found: np.zeros((len(found), 2)), r", 2\)"),
+    ],
+)
+def test_a_rule_that_gives_something_else_is_refused(scores, told):
+    class Odd(nonsac.ScoringRule):
+        name = "odd"
+
+        def scores(self, hypotheses, problem):
+            return scores(hypotheses)
+
+    with pytest.raises(nonsac.ContractBroken, match=rf"Odd\.scores gave the shape .*{told} for 2 hypotheses"):
+        run(rule=Odd(), samples=2)
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (None, r"must give a nonsac\.Refinement, got NoneType"),
+        (np.zeros((3, 4)), r"must give a nonsac\.Refinement, got ndarray"),
+        (
+            Refinement(np.zeros((9, 9)), Status.OK, 1.0, 10, 20),
+            r"gave a model of the shape \(9, 9\); Shift has models of",
+        ),
+        (Refinement(np.zeros((3, 4)), "ok", 1.0, 10, 20), r"gave the status 'ok', which is no nonsac\.Status"),
+    ],
+)
+def test_a_refiner_that_gives_something_else_is_refused(answer, told):
+    class Odd(nonsac.Refiner):
+        def refine(self, search, winner):
+            return answer
+
+    with pytest.raises(nonsac.ContractBroken, match=rf"Odd\.refine {told}"):
+        run(refine=Odd(), samples=2)
 
 
 @pytest.mark.parametrize(("name", "meant"), [("worker", "workers"), ("nois", "noise"), ("sample_sizes", "sample_size")])
@@ -824,7 +909,7 @@ def test_weights_decide_between_two_answers(rng):
         assert result.covariance is None
 
 
-@pytest.mark.parametrize("useless", [0.0, -1.0])
+@pytest.mark.parametrize("useless", [0.0, np.nan])
 def test_rows_without_a_weight_change_nothing(useless):
     """They take a place in the samples, but nobody sees them."""
     rows = np.column_stack([shifted_rows(), np.ones(1000)])

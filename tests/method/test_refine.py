@@ -180,10 +180,10 @@ def test_a_joint_search_that_fails_leaves_what_the_samples_found(scene):
 @pytest.mark.parametrize(
     ("found", "message"),
     [
-        (naive.shift_model(1.0), r"Joint.estimate must give a nonsac.Hypothesis, got ndarray"),
+        (naive.shift_model(1.0), r"Joint.search_jointly must give a nonsac.Hypothesis, got ndarray"),
         (
             Hypothesis(np.zeros(3), np.zeros(400), 1.0),
-            r"Joint.estimate gave a model of the shape \(3,\); Registration has",
+            r"Joint.search_jointly gave a model of the shape \(3,\); Registration has",
         ),
     ],
 )

@@ -3,12 +3,14 @@ import pytest
 from scipy.stats import binom
 
 import naive
+import nonsac
 from nonsac import Noise, SpecialCase
 from nonsac.layouts import Rows
 from nonsac.method import verdict as verdicts
 from nonsac.method.verdict import Candidate, Effort, Residuals, background, judge_rows
 from nonsac.problems import Registration
 from nonsac.result import Remark, Status
+from plane import Plane
 
 THRESHOLD = 0.1
 
@@ -24,7 +26,7 @@ def scene(seed, n=500, right=50):
 
 
 def chance_rate(problem, model, rows, threshold):
-    return verdicts.chance_rate(Residuals.of(problem, model, Rows(rows)).shuffled, threshold)
+    return verdicts.chance_rate(Residuals.of(problem, model, Rows(rows)).background, threshold)
 
 
 def judge(model, rows, tested=1000, problem=None, threshold=THRESHOLD, weights=None, known=True):
@@ -130,19 +132,49 @@ def test_background_rows_keep_either_half_and_lose_the_matches(rng):
     np.testing.assert_array_equal(drawn, background(Registration(), rows, 6000))
 
 
-def test_background_of_rows_that_match_nothing_fills_the_box_around_them(rng):
-    rows = rng.standard_normal((300, 2)) * [1.0, 50.0] + [7.0, -3.0]
-    drawn = background(naive.Line(), rows, 20_000)
-    least, most = rows.min(axis=0), rows.max(axis=0)
-    shares = (drawn - least) / (most - least)
-    assert drawn.shape == (20_000, 2)
-    assert shares.min() >= 0.0
-    assert shares.max() <= 1.0
-    np.testing.assert_allclose(
-        np.quantile(shares, [0.1, 0.5, 0.9], axis=0), [[0.1] * 2, [0.5] * 2, [0.9] * 2], atol=0.02
-    )
-    assert abs(np.corrcoef(shares.T)[0, 1]) < 0.03
-    np.testing.assert_array_equal(drawn, background(naive.Line(), rows, 20_000))
+def test_scattered_rows_of_a_normal_distribution_nearly_are_that_distribution(rng):
+    rows = rng.standard_normal((20_000, 3)) * [1.0, 50.0, 0.0] + [7.0, -3.0, 2.0]
+    drawn = background(Plane(), rows, 20_000)
+    assert drawn.shape == (20_000, 3)
+    np.testing.assert_allclose(drawn.mean(axis=0), [7.0, -3.0, 2.0], atol=1.5)
+    np.testing.assert_allclose(drawn.std(axis=0), [1.0, 50.0, 0.0], rtol=0.03, atol=1e-12)
+    tails = np.quantile((drawn[:, :2] - [7.0, -3.0]) / [1.0, 50.0], [0.01, 0.25, 0.75, 0.99], axis=0)
+    np.testing.assert_allclose(tails, np.array([-2.326, -0.674, 0.674, 2.326])[:, None] * [1, 1], atol=0.3)
+    np.testing.assert_array_equal(drawn, background(Plane(), rows, 20_000))
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 90.0])
+def test_scattered_rows_of_a_line_among_others_lie_on_no_line(angle, rng):
+    normal = np.array([-np.sin(np.radians(angle)), np.cos(np.radians(angle))])
+    rows = rng.uniform(-1, 1, (2000, 2))
+    rows[:1000] -= np.outer(rows[:1000] @ normal, normal)
+    assert (np.abs(background(naive.Line(), rows, 10_000) @ normal) < 0.01).mean() < 0.06
+
+
+CLUSTERS = np.random.default_rng(7).uniform(-1, 1, (30, 3))
+NO_PLANE = {
+    "normal": lambda rng, n: rng.standard_normal((n, 3)),
+    "even": lambda rng, n: rng.uniform(-1, 1, (n, 3)),
+    "even, and two far away": lambda rng, n: np.vstack([rng.uniform(-1, 1, (n, 3)), [[50.0] * 3, [-50.0] * 3]]),
+    "denser near the scanner": lambda rng, n: around(rng, n) * rng.exponential(8.0, n)[:, None],
+    "clusters": lambda rng, n: CLUSTERS[rng.integers(30, size=n)] + rng.normal(scale=0.3, size=(n, 3)),
+    "a ball": lambda rng, n: around(rng, n) * np.cbrt(rng.random(n))[:, None],
+    "other units": lambda rng, n: rng.uniform(0, 1, (n, 3)) * [1.0, 1000.0, 10.0] + 5.0,
+}
+
+
+def around(rng, n):
+    directions = rng.standard_normal((n, 3))
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05, None])
+@pytest.mark.parametrize("kind", NO_PLANE)
+def test_no_plane_is_claimed_in_points_of_any_density(kind, noise, rng):
+    points = NO_PLANE[kind](rng, 4000)
+    given = None if noise is None else noise * np.median(points.std(axis=0))
+    result = nonsac.estimate(nonsac.ArraySource(points), Plane(), noise=given, max_samples=4)
+    assert not result.success, result
 
 
 def test_a_problem_may_have_a_background_of_its_own():

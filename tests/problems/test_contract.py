@@ -164,13 +164,82 @@ def test_the_background_of_one_match_is_that_match(rng):
     np.testing.assert_array_equal(naive.Shift().background(np.array([[1.0, 5.0]]), 4, rng), np.tile([1.0, 5.0], (4, 1)))
 
 
-def test_the_background_of_points_fills_the_box_around_them(rng):
-    rows = np.array([[0.0, -5.0], [2.0, 5.0], [1.0, 0.0]])
-    background = LINE.background(rows, 2000, rng)
-    assert background.shape == (2000, 2)
-    np.testing.assert_allclose(background.min(axis=0), [0, -5], atol=0.05)
-    np.testing.assert_allclose(background.max(axis=0), [2, 5], atol=0.05)
-    np.testing.assert_allclose(background.mean(axis=0), [1, 0], atol=0.3)
+def test_the_background_of_points_is_as_wide_as_they_are(rng):
+    rows = rng.uniform(-1, 1, (5000, 2)) * [1.0, 30.0] + [1.0, 0.0]
+    background = LINE.background(rows, 5000, rng)
+    assert background.shape == (5000, 2)
+    np.testing.assert_allclose(background.mean(axis=0), rows.mean(axis=0), atol=1.0)
+    np.testing.assert_allclose(background.std(axis=0), rows.std(axis=0), rtol=0.05)
+
+
+def test_the_background_of_one_point_is_that_point(rng):
+    np.testing.assert_array_equal(LINE.background(np.array([[2.0, 5.0]]), 4, rng), np.tile([2.0, 5.0], (4, 1)))
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "told"),
+    [
+        ("layout", "x y", r"layout must be a nonsac\.Layout, such as .*, got 'x y'"),
+        ("model_shape", 3, r"model_shape must be a tuple of integers, such as \(3,\) or \(3, 3\), got 3"),
+        ("minimal_size", 2.0, r"minimal_size must be an integer of at least 1, got 2\.0"),
+        ("residual_dimension", 0, r"residual_dimension must be an integer of at least 1, got 0"),
+    ],
+)
+def test_attributes_are_checked_before_the_work(attribute, value, told):
+    kind = type("Mine", (naive.Line,), {attribute: value})
+    with pytest.raises(nonsac.ContractBroken, match=f"^Mine\\.{told}"):
+        nonsac.estimate(nonsac.ArraySource(np.ones((9, 2))), kind(), noise=0.1)
+
+
+class OneForAll(naive.Line):
+    """Forgets that there are several models."""
+
+    def residuals(self, models, rows):
+        return np.abs(rows @ models[0, :2] - models[0, 2])
+
+
+class Misspelt(naive.Line):
+    def residuals(self, models, rows):
+        return np.abs(models[:, :2] @ rows.T - models[:, 2:]).misspelt
+
+
+class Unready(naive.Line):
+    def solve_minimal(self, samples):
+        raise NotImplementedError("later")
+
+
+@pytest.mark.parametrize("noise", [0.01, None])
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        (OneForAll, r"OneForAll\.residuals gave the shape \(\d+,\) for \d+ models and \d+ rows: return \(M, N\)"),
+        (Misspelt, r"Misspelt\.residuals raised AttributeError: .* has no attribute 'misspelt'"),
+        (Unready, r"Unready\.solve_minimal raised NotImplementedError: later"),
+    ],
+)
+def test_faults_of_the_problem_are_told_of_the_problem(kind, told, noise, rng):
+    with pytest.raises(nonsac.ContractBroken, match=told):
+        nonsac.estimate(nonsac.ArraySource(rng.uniform(-1, 1, (500, 2))), kind(), noise=noise)
+
+
+def test_singular_samples_cost_themselves_only(rng):
+    class Solving(naive.Line):
+        """y = a x + b, by NumPy, which raises for all samples if one is vertical."""
+
+        def solve_minimal(self, samples):
+            slopes = np.linalg.solve(np.stack([samples[..., 0], np.ones(samples.shape[:2])], axis=2), samples[..., 1:])
+            a, b = slopes[:, 0, 0], slopes[:, 1, 0]
+            return np.column_stack([a, -np.ones(len(a)), -b]) / np.hypot(a, 1.0)[:, None]
+
+        def refit(self, model, rows, weights):
+            if np.count_nonzero(weights) < 300:
+                raise np.linalg.LinAlgError("Singular matrix")
+            return super().refit(model, rows, weights)
+
+    points = rng.uniform(-1, 1, (1000, 2))
+    points[:500, 1] = 0.3 * points[:500, 0] + 0.01 * rng.standard_normal(500)
+    points[500:700, 0] = 0.5
+    assert nonsac.estimate(nonsac.ArraySource(points), Solving(), noise=0.01).success
 
 
 # --- broken contracts -------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.layouts import Array, Layout
+from nonsac.layouts import Array
 from nonsac.result import Result
 from nonsac.sources.contract import Source
 
@@ -24,17 +24,12 @@ def check_object(name: str, value: object, kind: type) -> None:
     )
 
 
-def check_source(name: str, value: object, layout: Layout) -> None:
-    """Refuse what is no source, or has another number of columns than a layout, with or without a weight."""
+def check_source(name: str, value: object) -> None:
+    """Refuse what is no source."""
     if not isinstance(value, Source):
         raise TypeError(
             f"{name} must be a source of rows, got {type(value).__name__}: wrap an array in nonsac.ArraySource, "
             "open a file with nonsac.open_source, or derive a class from nonsac.Source"
-        )
-    width = len(layout.names)
-    if value.width not in (width, width + 1):
-        raise ValueError(
-            f"{name} must have {width} columns ({' '.join(layout.names)}), or one more with a weight, got {value.width}"
         )
 
 

@@ -63,18 +63,43 @@ def rows_of_source(source: Source, layout: Layout, name: str, **others: object) 
     for other, given in others.items():
         if given is not None:
             raise ValueError(f"{other} must be left out if {name} is a source, whose rows hold all")
-    try:
-        source = arranged(source, layout)
-    except ValueError as error:
-        raise ValueError(f"{name} is a source with {error}") from None
-    width = len(layout.names)
+    source, width = _arranged(source, layout, name), len(layout.names)
+    some = _first_rows(source)
+    _check_weights(source, some[:, width:], name)
     if source.width > width and _are_even(source):
         source = source.narrowed(range(width))
-    some = next(iter(source.chunks(_FEW_ROWS, 0, _FEW_ROWS)), np.empty((0, source.width)))
-    weights = some[:, width:]
-    if weights.size and (len(some) == len(source) or (weights < 0.0).any()):
-        weights_argument(weights[:, 0], len(some))
     return Correspondences(layout.parts(some), source.width > width, source)
+
+
+def source_of_rows(source: Source, layout: Layout, name: str) -> Source:
+    """The source with the columns of a layout, in its order; its first weights, if it has any, must be weights."""
+    source, width = _arranged(source, layout, name), len(layout.names)
+    if source.width > width:
+        _check_weights(source, _first_rows(source)[:, width:], name)
+    return source
+
+
+def _arranged(source: Source, layout: Layout, name: str) -> Source:
+    try:
+        return arranged(source, layout)
+    except ValueError as error:
+        raise ValueError(f"{name} is a source with {error}") from None
+
+
+def _check_weights(source: Source, some: Array, name: str) -> None:
+    """Refuse weights (k, 1) of the first rows, or of all, that are none; (k, 0) if there are none."""
+    if not some.size or (len(some) < len(source) and not (some < 0.0).any()):
+        return
+    try:
+        weights_argument(some[:, 0], len(some))
+    except ValueError as error:
+        raise ValueError(
+            f"{error}; the last column of {name} is taken as weights: if it is none, choose columns"
+        ) from None
+
+
+def _first_rows(source: Source) -> Array:
+    return next(iter(source.chunks(_FEW_ROWS, 0, _FEW_ROWS)), np.empty((0, source.width)))
 
 
 def _are_even(source: Source) -> bool:

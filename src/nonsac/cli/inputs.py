@@ -66,17 +66,17 @@ class Table:
         images = [image_of(image) for image in self.named_images]
         return open_matches(getattr(layouts, layout), files, images, columns_of(self.columns), self.dataset)
 
-    def parts(self, layout: str, rows: Array, total: int) -> tuple[Array, Array]:
-        """Both parts of some rows of so many in all; weights are refused that are negative, or all zero."""
+    def parts(self, layout: str, rows: Array, total: int) -> tuple[Any, ...]:
+        """The parts of some rows of so many in all; weights are refused that are negative, or all zero."""
         from nonsac import layouts
         from nonsac.calls.arguments import weights_argument
 
-        first, second = getattr(layouts, layout).parts(rows)
-        weights = rows[:, first.shape[1] + second.shape[1] :]
+        columns = getattr(layouts, layout)
+        weights = rows[:, len(columns.names) :]
         if weights.size and ((weights < 0.0).any() or len(rows) == total):
             with blaming(self.file):
                 weights_argument(weights[:, 0], len(rows))
-        return first, second
+        return tuple(columns.parts(rows))
 
 
 def check_pair(table: Table) -> None:

@@ -184,7 +184,8 @@ class _Pair(Flow):
         return _described(result, named, what), _texts(named)
 
     def drawing(self, result: Result) -> Draw | None:
-        return drawing_of_pair(self.some.seen(result), *self.points, self.cameras, self.photos)
+        first, second = self.points
+        return drawing_of_pair(self.some.seen(result), first, second, self.cameras, self.photos)
 
     def finish(self, result: Result) -> None:
         self.some.note_share(self.options.quiet)
@@ -245,7 +246,8 @@ class _Points(Flow):
         return _described(result, named, what), {**_texts(named), "centre": centre}
 
     def drawing(self, result: Result) -> Draw | None:
-        return drawing_of_points(self.some.seen(result), *self.points, self.camera, self.photo)
+        first, second = self.points
+        return drawing_of_points(self.some.seen(result), first, second, self.camera, self.photo)
 
     def finish(self, result: Result) -> None:
         self.some.note_share(self.options.quiet)

@@ -50,12 +50,12 @@ class Flow(ABC):
     def described(self, result: Result) -> tuple[str, dict[str, Any]]:
         """What is printed of a result, and what its JSON holds besides."""
 
-    @abstractmethod
-    def drawing(self, result: Result) -> Draw | None:
-        """What draws a result; None if there is nothing to draw."""
-
     def check(self) -> None:
         """Refuse what does not go together, before anything is read."""
+        return None
+
+    def drawing(self, result: Result) -> Draw | None:
+        """What draws a result; None if there is nothing to draw."""
         return None
 
     def finish(self, result: Result) -> None:

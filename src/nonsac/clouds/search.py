@@ -71,7 +71,7 @@ class OrientedPairs(Estimator):
         motions = solved(registration, values[self._pairs(registration, values)])
         if not len(motions):
             size = len(self.overlap.source.coarse) + len(self.overlap.target.coarse)
-            return Hypothesis(problem.no_model, np.full(size, np.inf), threshold)
+            return Hypothesis(problem.no_model, np.full(size, np.inf), threshold, tested=0)
         best = self.overlap.best(motions, 10 * self.candidates)
         reach = self.overlap.reach
         best = best[distinct(best, 12.0, reach)[: self.candidates]]

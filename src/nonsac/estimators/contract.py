@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -60,14 +61,20 @@ class Estimator(ABC):
         return None
 
 
-def checked_hypothesis(hypothesis: object, problem: Problem, estimator: Estimator) -> Hypothesis:
+def checked_hypothesis(
+    hypothesis: object, problem: Problem, estimator: Estimator, method: str = "estimate"
+) -> Hypothesis:
     """What an estimator gave, if it is what its contract says."""
-    name, shape = type(estimator).__name__, tuple(problem.model_shape)
+    name, shape = f"{type(estimator).__name__}.{method}", tuple(problem.model_shape)
     if not isinstance(hypothesis, Hypothesis):
-        raise ContractBroken(f"{name}.estimate must give a nonsac.Hypothesis, got {type(hypothesis).__name__}")
+        raise ContractBroken(f"{name} must give a nonsac.Hypothesis, got {type(hypothesis).__name__}")
     if np.shape(hypothesis.model) != shape:
         raise ContractBroken(
-            f"{name}.estimate gave a model of the shape {np.shape(hypothesis.model)}; "
+            f"{name} gave a model of the shape {np.shape(hypothesis.model)}; "
             f"{type(problem).__name__} has models of the shape {shape}"
         )
-    return hypothesis
+    if np.ndim(hypothesis.residuals) != 1:
+        raise ContractBroken(f"{name} gave residuals of the shape {np.shape(hypothesis.residuals)}, not (N,)")
+    if isinstance(hypothesis.model, np.ndarray) and hypothesis.model.dtype == np.float64:
+        return hypothesis
+    return replace(hypothesis, model=np.asarray(hypothesis.model, np.float64))

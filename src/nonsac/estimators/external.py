@@ -48,6 +48,8 @@ class External(Estimator):
     needs: str | None = None
 
     def __post_init__(self) -> None:
+        if self.needs is not None and not isinstance(self.needs, str):
+            raise TypeError(f'needs must be the name of a module, such as "cv2", got {self.needs!r}')
         if not callable(self.call):
             raise TypeError(f"call must be a function of (values, threshold, seed), got {self.call!r}")
 
@@ -59,9 +61,13 @@ class External(Estimator):
         answer = self.call(rows.values.copy(), noise.threshold, int(rng.integers(2**31)))
         models = _models(problem, answer)
         if not len(models):
-            return Hypothesis(problem.no_model, np.full(len(rows), np.inf), noise.threshold, tested=None)
+            return Hypothesis(problem.no_model, np.full(len(rows), np.inf), noise.threshold, fault=_why_none(answer))
         best = models[int(np.argmin(biweight_costs(problem, models, rows, noise.threshold)))]
-        return Hypothesis(best, problem.residuals(best[None], rows.values)[0], noise.threshold, tested=None)
+        return Hypothesis(best, problem.residuals(best[None], rows.values)[0], noise.threshold)
+
+
+def _why_none(answer: Any) -> str:
+    return "the function gave None" if answer is None else "the function gave no finite model"
 
 
 def _is_installed(module: str) -> bool:
@@ -74,6 +80,10 @@ def _is_installed(module: str) -> bool:
 def _models(problem: Problem, answer: Any) -> Array:
     """The finite models (K, *shape) that a function gave."""
     shape = tuple(problem.model_shape)
+    if isinstance(answer, tuple):
+        raise TypeError(f"the function gave a tuple of {len(answer)} (a model and a mask?): return the model alone")
+    if np.iscomplexobj(answer):
+        raise TypeError("the function gave complex numbers: return a model of real ones")
     models = np.empty((0, *shape)) if answer is None else np.asarray(answer, np.float64)
     if models.shape == shape:
         models = models[None]

@@ -39,7 +39,7 @@ class Mixture:
     def seen_in(cls, residuals: Residuals, noise: float, dimension: int) -> Mixture:
         """The mixture that the residuals of a model, and those of background rows, show."""
         window = Noise.given(noise).threshold
-        others = len(residuals.of_rows) * chance_rate(residuals.shuffled, window)
+        others = len(residuals.of_rows) * chance_rate(residuals.background, window)
         within = np.count_nonzero(residuals.of_rows < window)
         return cls(noise, dimension, max(within - others, 1.0), others)
 

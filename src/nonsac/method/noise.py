@@ -8,7 +8,7 @@ from scipy.special import chdtri, xlogy
 from nonsac.estimators.contract import Estimator, checked_hypothesis
 from nonsac.layouts import Array, Rows
 from nonsac.method.verdict import Residuals, background, chance_rate
-from nonsac.problems.contract import ContractBroken, Problem, solved
+from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of, solved
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
 
@@ -27,7 +27,7 @@ def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> fl
     They are looked for within a threshold that is adjusted until it is that of the outcome. NaN if no residuals are
     beyond chance.
     """
-    ordered, shuffled = np.sort(residuals.of_rows), np.sort(residuals.shuffled)
+    ordered, shuffled = np.sort(residuals.of_rows), np.sort(residuals.background)
     expected = len(ordered) / len(shuffled) * np.searchsorted(shuffled, ordered, side="right")
     beyond_chance = np.arange(1, len(ordered) + 1) - expected
     median = np.sqrt(chdtri(dimension, 0.5))
@@ -54,7 +54,11 @@ def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.ra
     own; the number of inliers is compared with that among the problem's background rows (Moisan and Stival, IJCV
     2004). If no estimate means anything, a hundredth of those residuals, or 1 if the rows have no extent.
     """
-    unit = _residuals_of_wrong_rows(problem, rows.values, rng)
+    try:
+        unit = _residuals_of_wrong_rows(problem, rows.values, rng)
+    except Exception as error:
+        blame(problem, rows, 1.0, error)
+        raise
     if not (np.isfinite(unit) and unit > 0.0):
         return 1.0
     best, least = _FALLBACK_SHARE * unit, 0.0
@@ -63,7 +67,7 @@ def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.ra
         if hypothesis is None or not hypothesis.found:
             continue
         residuals = Residuals.of(problem, hypothesis.model, rows)
-        rate = chance_rate(residuals.shuffled, float(threshold))
+        rate = chance_rate(residuals.background, float(threshold))
         meaning = _log_chance(hypothesis.num_inliers - problem.minimal_size, len(rows), rate)
         if meaning < least:
             best, least = measured_noise(residuals, float(threshold), problem.residual_dimension), meaning
@@ -80,7 +84,8 @@ def _attempt(
         found = estimator.estimate(problem, rows, noise, rng)
     except ContractBroken:
         raise
-    except Exception:
+    except Exception as error:
+        blame(problem, rows, noise.threshold, error)
         return None
     return checked_hypothesis(found, problem, estimator)
 
@@ -91,7 +96,7 @@ def _residuals_of_wrong_rows(problem: Problem, rows: Array, rng: np.random.Gener
         return float("nan")
     samples = np.stack([rng.choice(len(rows), problem.minimal_size, replace=False) for _ in range(_MODELS)])
     models = solved(problem, rows[samples])
-    residuals = problem.residuals(models, background(problem, rows, 500)) if len(models) else np.empty(0)
+    residuals = residuals_of(problem, models, background(problem, rows, 500)) if len(models) else np.empty(0)
     finite = residuals[np.isfinite(residuals)]
     return float(np.median(finite)) if len(finite) else float("nan")
 

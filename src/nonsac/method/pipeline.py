@@ -12,7 +12,7 @@ from nonsac.estimators.contract import Estimator
 from nonsac.method import scoring
 from nonsac.method.budget import Budget, kept, next_round, next_size
 from nonsac.method.noise import guessed_noise
-from nonsac.method.refine import Refinement
+from nonsac.method.refine import Refinement, refined
 from nonsac.method.search import SampleTask, Search, Stop
 from nonsac.method.settings import Settings
 from nonsac.problems.contract import Problem
@@ -70,7 +70,7 @@ class Method:
             winner, scores = scoring.select(settings.rule, search.hypotheses, search.problem)
             clock.lap("selection")
             found = search.hypotheses[winner].found
-            refinement = settings.refine.refine(search, winner) if found else None
+            refinement = refined(settings.refine, search, winner) if found else None
             clock.lap("refinement")
             if search.ended or _is_settled(refinement, search.hypotheses):
                 return Answer(search, refinement, scoring.scored(search.hypotheses, scores), clock)

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from nonsac.layouts import Array
 from nonsac.method.judgement import Judgement
 from nonsac.method.search import Search
-from nonsac.problems.contract import Problem
+from nonsac.problems.contract import ContractBroken, Problem
 from nonsac.result import Alternative, Hypothesis, Status
 
 
@@ -67,6 +69,11 @@ class Refinement:
         at_least : int
             Rows that it is judged on at least; all rows if there are fewer.
         """
+        if np.shape(model) != tuple(search.problem.model_shape):
+            raise ContractBroken(
+                f"Refinement.of got a model of the shape {np.shape(model)} instead of {search.problem.model_shape}"
+            )
+        model = np.asarray(model, np.float64)
         rows, compared = search.union(at_least), search.hypotheses if hypotheses is None else hypotheses
         judgement = Judgement.of(search.problem, model, rows, search.noise, compared)
         verdict = judgement.verdict
@@ -81,6 +88,22 @@ class Refinement:
             measured_noise=judgement.noise,
             remarks=judgement.remarks,
         )
+
+
+def refined(refiner: Refiner, search: Search, winner: int) -> Refinement:
+    """`Refiner.refine`, if it gave what the contract says."""
+    refinement: object = refiner.refine(search, winner)
+    name, problem = type(refiner).__name__, search.problem
+    if not isinstance(refinement, Refinement):
+        raise ContractBroken(f"{name}.refine must give a nonsac.Refinement, got {type(refinement).__name__}")
+    if np.shape(refinement.model) != tuple(problem.model_shape):
+        raise ContractBroken(
+            f"{name}.refine gave a model of the shape {np.shape(refinement.model)}; {type(problem).__name__} has "
+            f"models of the shape {problem.model_shape}"
+        )
+    if not isinstance(refinement.status, Status):
+        raise ContractBroken(f"{name}.refine gave the status {refinement.status!r}, which is no nonsac.Status")
+    return refinement
 
 
 class Refiner(ABC):

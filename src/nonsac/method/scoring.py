@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nonsac.estimators.contract import Estimator
 from nonsac.layouts import Array
-from nonsac.problems.contract import Problem
+from nonsac.problems.contract import ContractBroken, Problem
 from nonsac.result import Hypothesis
 
 
@@ -46,7 +46,12 @@ class ScoringRule(ABC):
 
 def select(rule: ScoringRule, hypotheses: Sequence[Hypothesis], problem: Problem) -> tuple[int, Array]:
     """The best hypothesis' index and the scores of all; hypotheses without a model never beat one with."""
-    scores = np.asarray(rule.scores(hypotheses, problem), np.float64).copy()
+    scores = np.array(rule.scores(hypotheses, problem), np.float64)
+    if scores.shape != (len(hypotheses),):
+        raise ContractBroken(
+            f"{type(rule).__name__}.scores gave the shape {scores.shape} for {len(hypotheses)} hypotheses: return one "
+            "number for each"
+        )
     found = np.array([h.found for h in hypotheses])
     scores[~found | np.isnan(scores)] = -np.inf
     if not np.isfinite(scores).any() and found.any():  # no pair or no inliers to go by
@@ -62,7 +67,7 @@ class Ideal(ScoringRule):
     name: str = "ideal"
 
     def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
-        errors = problem.distance(_models(hypotheses), self.truth[:3])
+        errors = problem.distance(_models(hypotheses), self.truth[:3] if self.truth.shape == (4, 4) else self.truth)
         return np.nan_to_num(-errors, nan=-np.inf)
 
 

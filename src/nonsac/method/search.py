@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nonsac.estimators.contract import Estimator, checked_hypothesis
-from nonsac.layouts import Rows
+from nonsac.layouts import Array, Rows
 from nonsac.method.sampling import sample_rows, sample_start, union_rows
-from nonsac.problems.contract import ContractBroken, Problem, rows_of
+from nonsac.problems.contract import ContractBroken, Problem, blame, rows_of
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
 from nonsac.running.executors import Workers, are_elsewhere, ordered_map
@@ -57,13 +58,14 @@ class SampleTask:
         except ContractBroken:
             raise
         except Exception as error:  # of somebody's estimator: it costs this sample, and the result says so
+            blame(problem, rows, self.noise.threshold, error)
             return replace(nothing, dropped=dropped, fault=f"{type(error).__name__}: {error}")
         return replace(checked_hypothesis(hypothesis, problem, self.estimator), sample=number, dropped=dropped)
 
     def rows(self, sample: int) -> tuple[Rows, int]:
         """The usable rows of a sample, and how many were dropped because they are not finite."""
         indices = sample_rows(len(self.source), self.position(sample), self.sample_size, self.seed)
-        drawn = self.source.take(indices)
+        drawn = taken(self.source, indices)
         finite = np.isfinite(drawn).all(axis=1)
         return rows_of(self.problem, drawn[finite]), len(drawn) - int(np.count_nonzero(finite))
 
@@ -91,7 +93,19 @@ class SampleTask:
     def union(self, samples: int, at_least: int = 0) -> Rows:
         """The usable rows that all samples hold together up to `samples` of this task, each once, and further ones."""
         end = self.position(samples - 1) + self.sample_size if samples else self.start
-        return rows_of(self.problem, self.source.take(union_rows(len(self.source), end, self.seed, at_least)))
+        return rows_of(self.problem, taken(self.source, union_rows(len(self.source), end, self.seed, at_least)))
+
+
+def taken(source: Source, indices: NDArray[np.int64]) -> Array:
+    """`Source.take`, if it gave what the contract says."""
+    rows = source.take(indices)
+    if not isinstance(rows, np.ndarray) or rows.dtype != np.float64 or rows.shape != (len(indices), source.width):
+        kind = f"{rows.dtype} {rows.shape}" if isinstance(rows, np.ndarray) else type(rows).__name__
+        raise ContractBroken(
+            f"{type(source).__name__}.take gave {kind} for {len(indices)} rows of {source.width} columns: return a "
+            "float64 array (len(indices), width)"
+        )
+    return rows
 
 
 @dataclass(frozen=True)

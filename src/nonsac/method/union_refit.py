@@ -100,7 +100,7 @@ def _found_jointly(search: Search) -> list[Hypothesis]:
         raise
     except Exception:  # of somebody's estimator: the samples' own findings are there
         return []
-    return [] if found is None else [checked_hypothesis(found, search.problem, task.estimator)]
+    return [] if found is None else [checked_hypothesis(found, search.problem, task.estimator, "search_jointly")]
 
 
 def _finished(problem: Problem, model: Array, rows: Rows, noise: Noise) -> Array:

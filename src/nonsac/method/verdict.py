@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from scipy.special import betainc, chdtr, ndtr
 
 from nonsac.layouts import Array, Rows
-from nonsac.problems.contract import Problem
+from nonsac.problems.contract import Problem, residuals_of
 from nonsac.problems.noise import Noise
 from nonsac.result import Alternative, Remark, Status
 
 _LARGEST_CHANCE = 1e-6
 _CLEAR_LEAD = 4.0
+_MORE_THAN_BACKGROUND, _MORE_THAN_BESIDE = 1.25, 2.0
 
 
 @dataclass(frozen=True)
@@ -34,17 +35,17 @@ class Residuals:
     """Of all rows, and of the problem's background rows, for one model."""
 
     of_rows: Array
-    shuffled: Array
+    background: Array
 
     @classmethod
     def of(cls, problem: Problem, model: Array, rows: Rows) -> Residuals:
         size = min(50_000, max(6_000, 10 * len(rows)))
-        by_chance = problem.residuals(model[None], background(problem, rows.values, size))[0]
-        return cls(problem.residuals(model[None], rows.values)[0], by_chance)
+        by_chance = residuals_of(problem, model[None], background(problem, rows.values, size))[0]
+        return cls(residuals_of(problem, model[None], rows.values)[0], by_chance)
 
     def support(self, threshold: float) -> float:
         """Share of the rows that are inliers beyond chance."""
-        return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.shuffled, threshold)
+        return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.background, threshold)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,24 @@ class Candidate:
     def support(self) -> float:
         """Share of the rows that are inliers beyond chance."""
         return self.residuals.support(self.noise.threshold)
+
+    @property
+    def chance_rate(self) -> float:
+        """Share of the rows that would be inliers by chance.
+
+        Rows that match nothing may be dense where a model is for other reasons, and no background is sure to know
+        these: there must be clearly more of them than of the background rows, no fewer than of rows spread evenly over
+        their box, and clearly more than in the model's surroundings, out to three thresholds.
+        """
+        problem, threshold, residuals = self.problem, self.noise.threshold, self.residuals.of_rows
+        rate = chance_rate(self.residuals.background, threshold)
+        if problem.layout.split is not None:
+            return rate
+        of_box = problem.residuals(self.model[None], _box(self.rows.values, len(self.residuals.background)))[0]
+        beside = np.count_nonzero((residuals >= threshold) & (residuals < 3.0 * threshold)) / len(residuals)
+        beside /= 3.0**problem.residual_dimension - 1.0
+        rates = _MORE_THAN_BACKGROUND * rate, chance_rate(of_box, threshold), _MORE_THAN_BESIDE * beside
+        return min(max(rates), 1.0)
 
     def without_copies(self) -> Candidate:
         """The same model on different rows only, if some inliers are copies of others."""
@@ -117,7 +136,7 @@ def judge_rows(candidate: Candidate, effort: Effort) -> Verdict:
         return Verdict(Status.LOW_SUPPORT, 0.0)
     if not problem.determined(candidate.model, inliers, noise):
         return Verdict(Status.DEGENERATE, 0.0)
-    rate = chance_rate(candidate.residuals.shuffled, noise.threshold)
+    rate = candidate.chance_rate
     chance = min(1.0, _chance(problem, inliers, rows, rate) * max(effort.compared, 1))
     confidence = 1.0 - float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE)))
     if chance >= _LARGEST_CHANCE:
@@ -170,8 +189,8 @@ def _certainty_of_spread(residuals: Residuals, threshold: float, dimension: int)
     Of a right model, the share within two of the five standard deviations is that of a chi distribution; of a wrong
     one it is at most the fourth power of that (0.83, 0.56, 0.30 in one, two and three dimensions).
     """
-    rows, pairs = len(residuals.of_rows), len(residuals.shuffled)
-    shares = np.array([chance_rate(residuals.shuffled, x) for x in (0.4 * threshold, threshold)])
+    rows, pairs = len(residuals.of_rows), len(residuals.background)
+    shares = np.array([chance_rate(residuals.background, x) for x in (0.4 * threshold, threshold)])
     hits = np.array([np.count_nonzero(residuals.of_rows < x) for x in (0.4 * threshold, threshold)])
     near, all_inliers = hits - rows * shares
     bound = float(chdtr(dimension, 4.0)) ** 4
@@ -228,6 +247,11 @@ def background(problem: Problem, rows: Array, size: int) -> Array:
     return problem.background(rows, size, np.random.default_rng(len(rows)))
 
 
-def chance_rate(shuffled: Array, threshold: float) -> float:
+def _box(rows: Array, size: int) -> Array:
+    """So many rows, spread evenly over the box around the given ones."""
+    return np.random.default_rng(len(rows)).uniform(rows.min(axis=0), rows.max(axis=0), (size, rows.shape[1]))
+
+
+def chance_rate(residuals: Array, threshold: float) -> float:
     """Share of inliers among the background rows; half a count is added to be safe."""
-    return (np.count_nonzero(shuffled < threshold) + 0.5) / (len(shuffled) + 1)
+    return (np.count_nonzero(residuals < threshold) + 0.5) / (len(residuals) + 1)

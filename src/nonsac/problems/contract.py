@@ -81,7 +81,7 @@ class Problem(ABC):
     def count_inliers(self, models: Array, rows: Array, threshold: float, weights: Array | None = None) -> NDArray[Any]:
         """How many rows have a residual below the threshold, or what they weigh together: (M,)."""
         step = max(1, _BLOCK // max(1, len(rows)))
-        blocks = [self.residuals(models[i : i + step], rows) < threshold for i in range(0, len(models), step)]
+        blocks = [residuals_of(self, models[i : i + step], rows) < threshold for i in range(0, len(models), step)]
         if weights is None:
             return np.concatenate([np.empty(0, np.int64), *(block.sum(axis=1) for block in blocks)])
         return np.concatenate([np.empty(0), *(block @ weights for block in blocks)])
@@ -93,7 +93,7 @@ class Problem(ABC):
         """
         previous = np.zeros(len(rows))
         for _ in range(iterations):
-            ratio = self.residuals(model[None], rows)[0] / threshold
+            ratio = residuals_of(self, model[None], rows)[0] / threshold
             biweights = np.where(ratio < 1.0, (1.0 - ratio**2) ** 2, 0.0)
             if np.abs(biweights - previous).max(initial=0.0) < 1e-9:
                 break
@@ -125,11 +125,12 @@ class Problem(ABC):
 
         By default, rows that match two things get their second half from another row: the distribution of either half
         stays, the matches are gone. With each such row there is that of the other two halves, so that nothing
-        changes if the halves change places. Rows that match nothing are drawn evenly from the box around the rows.
+        changes if the halves change places. Rows that match nothing are scattered: where the many are many stay, and
+        lines, planes and circles are gone (`scattered`).
         """
         split, n = self.layout.split, len(rows)
         if split is None:
-            return rng.uniform(rows.min(axis=0), rows.max(axis=0), (size, rows.shape[1]))
+            return scattered(rows, size, rng)
         half = (size + 1) // 2
         first = rng.integers(n, size=half)
         second = (first + rng.integers(1, max(n, 2), size=half)) % n
@@ -166,11 +167,35 @@ class Problem(ABC):
         return np.full(self.model_shape, np.nan)
 
 
+def scattered(rows: Array, size: int, rng: np.random.Generator) -> Array:
+    """So many rows (size, D) that are as dense as the given ones on the whole, but lie on no curve or surface.
+
+    Each is the end of the way from one row to another after it was mirrored in a random direction; then all are drawn
+    together as much as that spread them, so that means and variances stay, and a normal distribution nearly stays what
+    it was. Columns are compared by their standard deviations, because they need not share a unit.
+    """
+    start, end = rows[rng.integers(len(rows), size=size)], rows[rng.integers(len(rows), size=size)]
+    varied = np.ptp(rows, axis=0) > 0.0
+    if not varied.any():
+        return start
+    mean, scale = rows[:, varied].mean(axis=0), rows[:, varied].std(axis=0)
+    way, mirror = (end - start)[:, varied] / scale, rng.standard_normal((size, len(scale)))
+    mirror /= np.linalg.norm(mirror, axis=1, keepdims=True)
+    way -= 2.0 * mirror * (mirror * way).sum(axis=1, keepdims=True)
+    start[:, varied] = mean + (start[:, varied] - mean + way * scale) / np.sqrt(1.0 + 4.0 / len(scale))
+    return start
+
+
 def solved(problem: Problem, samples: Array) -> Array:
-    """The models of minimal samples, if they are what the contract says."""
+    """The models of minimal samples, if they are what the contract says; none of samples that are singular."""
     if not len(samples):
         return np.empty((0, *problem.model_shape))
-    models = np.asarray(problem.solve_minimal(samples), np.float64)
+    try:
+        models = np.asarray(problem.solve_minimal(samples), np.float64)
+    except np.linalg.LinAlgError:  # NumPy raises it for all if one is singular
+        if len(samples) == 1:
+            return np.empty((0, *problem.model_shape))
+        return np.concatenate([solved(problem, sample[None]) for sample in samples])
     if models.shape[1:] != tuple(problem.model_shape):
         name = type(problem).__name__
         raise ContractBroken(
@@ -184,11 +209,64 @@ def refitted(problem: Problem, model: Array, rows: Array, weights: Array) -> Arr
     """`Problem.refit`, if enough rows have a weight; else NaN."""
     if np.count_nonzero(weights) < problem.minimal_size:
         return problem.no_model
-    fitted = np.asarray(problem.refit(model, rows, weights), np.float64)
+    try:
+        fitted = np.asarray(problem.refit(model, rows, weights), np.float64)
+    except np.linalg.LinAlgError:
+        return problem.no_model
     if fitted.shape != tuple(problem.model_shape):
         name = type(problem).__name__
         raise ContractBroken(f"{name}.refit gave a model of the shape {fitted.shape} instead of {problem.model_shape}")
     return fitted
+
+
+def residuals_of(problem: Problem, models: Array, rows: Array) -> Array:
+    """`Problem.residuals`, if they are what the contract says."""
+    residuals = problem.residuals(models, rows)
+    if np.shape(residuals) != (len(models), len(rows)):
+        raise ContractBroken(
+            f"{type(problem).__name__}.residuals gave the shape {np.shape(residuals)} for {len(models)} models and "
+            f"{len(rows)} rows: return (M, N)"
+        )
+    return residuals
+
+
+def check_attributes(problem: Problem) -> None:
+    """Refuse a problem whose attributes are not what the contract says."""
+    name, shape = type(problem).__name__, problem.model_shape
+    if not isinstance(problem.layout, Layout):
+        raise ContractBroken(
+            f'{name}.layout must be a nonsac.Layout, such as nonsac.Layout("x1 y1 | x2 y2"), got {problem.layout!r}'
+        )
+    if not isinstance(shape, tuple) or not all(map(_is_count, shape)):
+        raise ContractBroken(f"{name}.model_shape must be a tuple of integers, such as (3,) or (3, 3), got {shape!r}")
+    for attribute in ("minimal_size", "residual_dimension"):
+        value = problem.minimal_size if attribute == "minimal_size" else problem.residual_dimension
+        if not _is_count(value):
+            raise ContractBroken(f"{name}.{attribute} must be an integer of at least 1, got {value!r}")
+
+
+def blame(problem: Problem, rows: Rows, threshold: float, error: Exception) -> None:
+    """Raise ContractBroken if a problem's own methods raise, too, on rows in which an estimator failed."""
+    size, method = problem.minimal_size, "solve_minimal"
+    some = rows.values[: 2 * size]
+    try:
+        models = solved(problem, some[: len(some) // size * size].reshape(-1, size, problem.width))
+        method = "residuals"
+        residuals_of(problem, models, some)
+        method = "count_inliers"
+        problem.count_inliers(models, some, threshold)
+        method = "refit"
+        for model in models[:1]:
+            refitted(problem, model, some, np.ones(len(some)))
+    except ContractBroken:
+        raise
+    except Exception as own:
+        name = type(problem).__name__
+        raise ContractBroken(f"{name}.{method} raised {type(own).__name__}: {own}") from error
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 1)
 
 
 def rows_of(problem: Problem, table: Array) -> Rows:

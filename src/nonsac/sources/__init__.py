@@ -2,7 +2,7 @@
 
 from nonsac.sources.all_pairs import AllPairsSource
 from nonsac.sources.array import ArraySource
-from nonsac.sources.contract import Source
+from nonsac.sources.contract import About, Source
 from nonsac.sources.hdf5 import Hdf5Source
 from nonsac.sources.held import HeldSource
 from nonsac.sources.joined import JoinedSource
@@ -15,6 +15,7 @@ from nonsac.sources.stream import StreamSource
 from nonsac.sources.zarr import ZarrSource
 
 __all__ = [
+    "About",
     "AllPairsSource",
     "ArraySource",
     "Hdf5Source",

@@ -34,7 +34,7 @@ class AllPairsSource(Source):
         return len(self.a) * len(self.b)
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        first, second = np.divmod(np.asarray(indices, np.int64), len(self.b))
+        first, second = np.divmod(self.checked(indices), len(self.b))
         return np.hstack([self.a.take(first), self.b.take(second)])
 
     def bytes_to_take(self, rows: int) -> int:

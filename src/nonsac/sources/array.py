@@ -46,7 +46,7 @@ class ArraySource(Source):
         return int(self.rows.shape[0])
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        return np.array(self.rows[indices], np.float64, order="C")
+        return np.array(self.rows[self.checked(indices)], np.float64, order="C")
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
         stop = len(self) if stop is None else min(stop, len(self))

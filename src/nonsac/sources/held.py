@@ -38,7 +38,7 @@ class HeldSource(Source):
         return len(self.source)
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        wanted = np.asarray(indices, np.int64)
+        wanted = self.checked(indices)
         with self._lock:
             self._read(wanted)
             return self._rows[np.searchsorted(self._indices, wanted)]

@@ -44,6 +44,7 @@ class JoinedSource(Source):
         return len(self.parts[0])
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        indices = self.checked(indices)
         return self._joined([part.rows[indices] for part in self.parts])
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
