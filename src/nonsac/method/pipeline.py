@@ -173,10 +173,10 @@ def _is_settled(refinement: Refinement | None, hypotheses: list[Hypothesis]) -> 
 
 def _reason(search: Search) -> Status:
     """Why no sample gave a model."""
-    problem, rows = search.problem, search.union().values
+    problem, rows = search.problem, search.union()
     if len(rows) < problem.minimal_size:
-        return Status.TOO_FEW
-    determined = problem.determined(problem.no_model, rows, search.noise)
+        return Status.DEGENERATE if rows.copies else Status.TOO_FEW
+    determined = problem.determined(problem.no_model, rows.values, search.noise)
     return Status.LOW_SUPPORT if determined else Status.DEGENERATE
 
 

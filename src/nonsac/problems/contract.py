@@ -270,5 +270,5 @@ def _is_count(value: object) -> bool:
 
 
 def rows_of(problem: Problem, table: Array) -> Rows:
-    """The usable rows of a table of a source, with their weights if it has a column more than the problem."""
-    return Rows.of(table, problem.width).usable()
+    """The usable rows of a table of a source, with weights if it has a column more than the problem; no padding."""
+    return Rows.of(table, problem.width).usable().without_padding()
