@@ -160,7 +160,7 @@ def _beside_special_cases(candidate: Candidate, verdict: Verdict, rate: float) -
     """The verdict in view of what special cases of the problem explain."""
     problem, model, noise, rows = candidate.problem, candidate.model, candidate.noise, candidate.rows.values
     inliers = rows[candidate.inliers]
-    remarks: list[str] = []
+    remarks: list[str] = list(problem.remarks(model, inliers))
     alternatives: list[Alternative] = []
     for case in problem.special_cases(model, inliers, noise):
         unexplained = inliers[~case.explains]

@@ -141,6 +141,10 @@ class Problem(ABC):
         """Special cases of the data that may explain the inliers, too: a planar scene, say. By default none."""
         return ()
 
+    def remarks(self, model: Array, inliers: Array) -> Sequence[str]:
+        """What else is to be said of a trusted model's inliers; see `Result.remarks`. By default nothing."""
+        return ()
+
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array | None:
         """Covariance (p, p) of the parameters of a fitted model; None if the problem knows none."""
         return None
