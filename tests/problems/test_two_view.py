@@ -27,7 +27,7 @@ def planar_scene(rng, n, noise=0.0):
 
 
 def transfer_error(model, rows):
-    return lambda plane: np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=1)
+    return lambda plane: np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=-1)
 
 
 def all_poses(rows):

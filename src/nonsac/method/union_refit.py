@@ -66,8 +66,8 @@ class UnionRefit(Refiner):
             inliers = rows.values[problem.residuals(model[None], rows.values)[0] < noise.threshold]
             if len(inliers) < problem.minimal_size:
                 break
-            twins = [other for case in problem.special_cases(model, inliers, noise) for other in case.others]
-            if not twins:
+            twins = problem.twins(model, inliers, noise)
+            if not len(twins):
                 break
             both = np.stack([model, *(self._converged(problem, twin, rows, noise.threshold) for twin in twins)])
             best = int(np.argmin(biweight_costs(problem, both, rows, noise.threshold)))

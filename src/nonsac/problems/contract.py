@@ -141,6 +141,10 @@ class Problem(ABC):
         """Special cases of the data that may explain the inliers, too: a planar scene, say. By default none."""
         return ()
 
+    def twins(self, model: Array, inliers: Array, noise: Noise) -> Sequence[Array]:
+        """Further models that the inliers may allow, one of which may fit better: those of the special cases."""
+        return [other for case in self.special_cases(model, inliers, noise) for other in case.others]
+
     def remarks(self, model: Array, inliers: Array) -> Sequence[str]:
         """What else is to be said of a trusted model's inliers; see `Result.remarks`. By default nothing."""
         return ()

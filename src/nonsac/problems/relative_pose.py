@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,6 +123,15 @@ class RelativePose(Streaming, Problem):
         at_infinity, threshold = np.zeros(3), noise.threshold
         turned = rotation_of(model, inliers, lambda turned: self._transfer_error(turned, at_infinity, inliers))
         by_rotation = self._transfer_error(turned, at_infinity, inliers) < threshold
+        cases = [SpecialCase("pure rotation", by_rotation, determined=False)]
+        if by_rotation.mean() < 0.95:
+            cases.append(self._seen_with_wrong_calibration(turned, inliers, noise))
+        return (*cases, self._plane(model, inliers, threshold))
+
+    def twins(self, model: Array, inliers: Array, noise: Noise) -> Sequence[Array]:
+        return list(self._plane(model, inliers, noise.threshold).others)
+
+    def _plane(self, model: Array, inliers: Array, threshold: float) -> SpecialCase:
         some = inliers[:: max(1, len(inliers) // _PLANE_ROWS)]
         plane = plane_of(model, some, lambda plane: self._transfer_error(model, plane, some), threshold)
         by_plane = self._transfer_error(model, plane, inliers) < threshold
@@ -131,10 +141,7 @@ class RelativePose(Streaming, Problem):
             even = np.ones(len(inliers))
             others = np.array([self.fit_robustly(other, inliers, even, 2.0 * threshold, 20) for other in found])
             others = others[np.isfinite(others).all(axis=(1, 2))] if len(others) else found
-        cases = [SpecialCase("pure rotation", by_rotation, determined=False)]
-        if by_rotation.mean() < 0.95:
-            cases.append(self._seen_with_wrong_calibration(turned, inliers, noise))
-        return (*cases, SpecialCase("planar", by_plane, determined=True, others=others))
+        return SpecialCase("planar", by_plane, determined=True, others=others)
 
     def remarks(self, model: Array, inliers: Array) -> tuple[str, ...]:
         return (Remark.MIRRORED.value,) if are_mirrored(*np.hsplit(inliers, 2)) else ()

@@ -17,14 +17,18 @@ _LARGEST_MISTAKE = np.array([0.4, 0.5])  # a focal length wrong by half; beyond,
 
 
 def seen_through_plane(model: Array, plane: Array, points: Array) -> Array:
-    """Where the second camera sees points (n, 2) of the first one that lie on the plane n . X = 1: (n, 2).
+    """Where the second camera sees points (n, 2) of the first one that lie on planes n . X = 1 (..., 3): (..., n, 2).
 
     The homography R + t n^T (Hartley and Zisserman, Sec. 13.1); a zero plane is the plane at infinity. NaN if the
     point is not in front of the second camera.
     """
-    moved = points @ (model[:, :2] + np.outer(model[:, 3], plane[:2])).T + model[:, 2] + plane[2] * model[:, 3]
-    depth = np.where(moved[:, 2:] > 0.0, moved[:, 2:], np.nan)
-    return moved[:, :2] / depth
+    homographies = _homographies(model, plane)
+    moved = points @ np.swapaxes(homographies[..., :2], -1, -2) + homographies[..., None, :, 2]
+    return np.asarray(moved[..., :2] / np.where(moved[..., 2:] > 0.0, moved[..., 2:], np.nan))
+
+
+def _homographies(model: Array, plane: Array) -> Array:
+    return np.asarray(model[:, :3] + model[:, 3, None] * plane[..., None, :])
 
 
 def rotation_of(model: Array, rows: Array, error: Callable[[Array], Array]) -> Array:
@@ -57,15 +61,19 @@ class Miscalibration(NamedTuple):
     scale: float
     bend: float
 
+    @classmethod
+    def at(cls, place: Array) -> Miscalibration:
+        """From the logarithm of the scale, and the bend."""
+        return cls(float(np.exp(place[0])), float(place[1]))
+
     def corrected(self, rows: Array) -> Array:
         """Rows (n, 4) as they would be with the right calibration."""
-        return np.hstack([self._corrected(rows[:, :2]), self._corrected(rows[:, 2:])])
-
-    def _corrected(self, points: Array) -> Array:
-        given = corrected = self.scale * points
+        given = self.scale * rows.reshape(-1, 2)
+        square = (given**2).sum(axis=1)
+        factor = np.ones(len(given))
         for _ in range(_INVERSIONS):
-            corrected = given / np.maximum(1.0 + self.bend * (corrected**2).sum(axis=1)[:, None], 0.3)
-        return corrected
+            factor = 1.0 / np.maximum(1.0 + self.bend * square * factor**2, 0.3)
+        return (given * factor[:, None]).reshape(-1, 4)
 
 
 def miscalibrated_rotation(turned: Array, rows: Array, least: float) -> tuple[Array, Miscalibration]:
@@ -75,32 +83,38 @@ def miscalibrated_rotation(turned: Array, rows: Array, least: float) -> tuple[Ar
     normalised coordinates. Misfit that grows towards the edge looks like parallax: a rotation seen with a wrong
     calibration may have a translation that explains all matches. Real parallax leaves as much as before, and ends it.
     """
-    found, first = np.zeros(5), np.inf
-
-    def moved(step: Array) -> tuple[Array, Miscalibration]:
-        turn = Rotation.from_rotvec(step[:3]).as_matrix() @ turned[:, :3]
-        return np.column_stack([turn, turned[:, 3]]), Miscalibration(float(np.exp(step[3])), float(step[4]))
-
-    def left(step: Array) -> Array:
-        model, miscalibration = moved(step)
-        corrected = miscalibration.corrected(rows)
-        distance = seen_through_plane(model, np.zeros(3), corrected[:, :2]) - corrected[:, 2:]
-        return np.nan_to_num(distance / miscalibration.scale, nan=1.0)
-
+    turn, place, first = turned[:, :3], np.zeros(2), np.inf
     for number in range(_STEPS):
-        residuals = left(found)
-        lengths = np.linalg.norm(residuals, axis=1)
+        misfit, seen = _misfit(turn, place, rows)
+        lengths = np.linalg.norm(misfit, axis=1)
         middle = float(np.median(lengths))
         first = middle if number == 0 else first
         if number == 2 and middle > max(0.5 * first, 2.0 * least):
             break
         weights = 1.0 / (1.0 + (lengths / max(least, middle)) ** 2)
-        slopes = np.stack([(left(found + unit) - residuals) / _SMALL for unit in _SMALL * np.eye(5)], axis=-1)
-        normal = np.einsum("n,nia,nib->ab", weights, slopes, slopes)
-        gradient = np.einsum("n,nia,ni->a", weights, slopes, residuals)
-        found = found - np.linalg.lstsq(normal, gradient, rcond=1e-12)[0]
-        found[3:] = np.clip(found[3:], -_LARGEST_MISTAKE, _LARGEST_MISTAKE)
-    return moved(found)
+        steps = [_misfit(turn, place + unit, rows)[0] - misfit for unit in _SMALL * np.eye(2)]
+        slopes = np.concatenate([_slopes_of_turn(seen) * np.exp(-place[0]), np.stack(steps, axis=-1) / _SMALL], axis=-1)
+        weighted = (weights[:, None, None] * slopes).reshape(-1, 5).T
+        gradient = weighted @ misfit.ravel()
+        step = np.linalg.lstsq(weighted @ slopes.reshape(-1, 5), gradient, rcond=1e-12)[0]
+        turn = Rotation.from_rotvec(-step[:3]).as_matrix() @ turn
+        place = np.clip(place - step[3:], -_LARGEST_MISTAKE, _LARGEST_MISTAKE)
+    return np.column_stack([turn, turned[:, 3]]), Miscalibration.at(place)
+
+
+def _misfit(turn: Array, place: Array, rows: Array) -> tuple[Array, Array]:
+    """How far the second points are from where they are seen, in given coordinates; and where, in right ones."""
+    mistake = Miscalibration.at(place)
+    corrected = mistake.corrected(rows)
+    ray = corrected[:, :2] @ turn[:, :2].T + turn[:, 2]
+    seen = ray[:, :2] / np.where(ray[:, 2:] > 0.0, ray[:, 2:], np.nan)
+    return np.nan_to_num((seen - corrected[:, 2:]) / mistake.scale, nan=1.0), np.nan_to_num(seen)
+
+
+def _slopes_of_turn(seen: Array) -> Array:
+    """Derivatives (n, 2, 3) of normalised coordinates with respect to a rotation vector of the camera."""
+    x, y = seen.T
+    return np.stack([np.stack([-x * y, 1.0 + x**2, -y], axis=-1), np.stack([-1.0 - y**2, x * y, x], axis=-1)], axis=1)
 
 
 def _unit_rays(points: Array) -> Array:
@@ -109,24 +123,26 @@ def _unit_rays(points: Array) -> Array:
 
 
 def transfer_errors(model: Array, plane: Array, rows: Array, focals: tuple[float, float]) -> Array:
-    """How far x2 is from where it is seen if the point lies on a plane, in units in which both images have noise 1.
+    """How far x2 is from where it is seen if the point lies on a plane (..., 3): (..., n).
+
+    In units in which both images have noise 1.
 
     The noise of x1 is magnified on its way to the second image (by the square root of the homography's change of
     area); the distance in pixels is divided by the standard deviation that it has in each direction. NaN counts as far.
     """
-    homography = model[:, :3] + np.outer(model[:, 3], plane)
-    depth = rows[:, :2] @ homography[2, :2] + homography[2, 2]
+    homographies = _homographies(model, plane)
+    depth = homographies[..., 2, :2] @ rows[:, :2].T + homographies[..., 2, 2, None]
     depth = np.where(depth > 0.0, depth, np.nan)
-    square = (focals[1] / focals[0]) ** 2 * np.abs(np.linalg.det(homography)) / depth**3
-    distance = np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=1)
+    square = (focals[1] / focals[0]) ** 2 * np.abs(np.linalg.det(homographies))[..., None] / depth**3
+    distance = np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=-1)
     return np.asarray(focals[1] * distance / np.sqrt(1.0 + square))
 
 
 def plane_of(model: Array, rows: Array, error: Callable[[Array], Array], threshold: float) -> Array:
     """The plane n (3,), with n . X = 1 in the first camera's frame, that most rows of a pose lie on; 0 if none does.
 
-    `error(n)` is the transfer error of all rows. Planes through three rows each are compared, the best one is fitted
-    to its rows.
+    `error` is the transfer error of all rows for planes (..., 3). Planes through three rows each are compared, the best
+    one is fitted to its rows.
     """
     slope, inverse_depth = _inverse_depths(model, rows)
     rays = np.column_stack([rows[:, :2], np.ones(len(rows))])
@@ -136,7 +152,7 @@ def plane_of(model: Array, rows: Array, error: Callable[[Array], Array], thresho
     planes = np.linalg.solve(triplets[solvable], inverse_depth[some[solvable]][..., None])[..., 0]
     if not len(planes):
         return np.zeros(3)
-    best = max(planes, key=lambda plane: np.count_nonzero(error(plane) < threshold))
+    best = planes[int(np.argmax(np.count_nonzero(error(planes) < threshold, axis=1)))]
     for _ in range(3):
         weights = slope * (error(best) < threshold)
         best = np.linalg.lstsq(rays * weights[:, None], inverse_depth * weights, rcond=None)[0]
