@@ -173,7 +173,7 @@ def choose_by_suffix(path: FilePath, choices: dict[str, Choice]) -> Choice:
     suffix = Path(path).suffix.lower()
     if suffix in choices:
         return choices[suffix]
-    if Path(path).is_dir():
+    if os.path.isdir(path):
         raise unreadable(path, IsADirectoryError())
     problem = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
     raise input_error(path, problem, f"use one of {', '.join(choices)}")

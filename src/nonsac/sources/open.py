@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.arrays import Archive, as_rows, open_npz
-from nonsac.files.content import UTF16, content_kind, with_article
+from nonsac.files.column_names import is_wanted_anywhere, place_of, shown
+from nonsac.files.content import UTF16, check_regular, content_kind, with_article
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
-from nonsac.files.records import find_columns
+from nonsac.files.pipes import is_stream
 from nonsac.files.text import is_number, read_table
-from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
+from nonsac.layouts import MATCHES, PAIRS, POINTS, Layout
 from nonsac.sources.array import ArraySource
-from nonsac.sources.columns import arranged, place_of, unfit
+from nonsac.sources.columns import arranged, places_in, unfit
 from nonsac.sources.contract import Source
 
 Columns = Sequence[str | int] | None
@@ -132,10 +133,12 @@ def holds_rows(folder: str) -> bool:
 def _kind_of(path: str) -> str:
     if glob.has_magic(path) and (is_url(path) or not os.path.exists(path)):
         return "Parquet file"
+    if is_stream(path):
+        return "text table"
     if is_folder(path):
         return "Zarr folder" if any(holds(path, name) for name in _FILES_OF_ZARR) else "Parquet file"
-    if not is_url(path) and os.path.exists(path) and not os.path.isfile(path):
-        raise input_error(path, "is no regular file", "copy what it gives to a file on disk")
+    if not is_url(path):
+        check_regular(path)
     head = read_head(path, _HEAD_LENGTH)
     if not head:
         raise input_error(path, "the file is empty", "write or copy it again")
@@ -297,9 +300,6 @@ def _open_text(path: str, asked: _Asked) -> Source:
     width, names = len(table.first_row() or table.names or ()), table.names
     if not width:
         raise input_error(path, "the file holds no rows", "export it again with its rows")
-    if names is not None and len(names) != width:
-        problem = f"its header names {len(names)} columns, its rows have {width}"
-        raise input_error(path, problem, "name every column, or remove the header line")
     if asked.columns is not None:
         return ArraySource(table.numbers(_columns_of(path, names, width, asked.columns)))
     if names is None:
@@ -307,25 +307,39 @@ def _open_text(path: str, asked: _Asked) -> Source:
             fix = f"choose columns, or name them in a header line: {' '.join(asked.layout.names)}"
             raise InputError(f"{path}: {unfit(width, asked.layout, fix)}")
         return ArraySource(table.numbers(range(width)))
-    numbers = _named_in(asked.layout, names)
-    if not numbers:  # all columns that look like numbers
-        numbers = [place for place, word in enumerate(table.first_row()) if is_number(word)] or list(range(width))
+    if asked.layout is not None:
+        numbers = sorted(_places_in(path, names, asked.layout))
+    else:
+        numbers = _number_columns(table.first_row(), names)
     return ArraySource(table.numbers(numbers), [names[place] for place in numbers])
 
 
-def _named_in(layout: Layout | None, names: Sequence[str]) -> list[int]:
-    """The places of a layout's columns and of a weight, in the order of the file; none if it lacks some."""
-    wanted = [] if layout is None else [name.lower() for name in layout.names]
-    found = [place for place, name in enumerate(names) if name in (*wanted, WEIGHT)]
-    return found if wanted and {names[place] for place in found} >= set(wanted) else []
+def _number_columns(row: Sequence[str], names: Sequence[str]) -> list[int]:
+    """The columns that look like numbers, or that bear the name of some."""
+    pairs = enumerate(zip(row, names, strict=False))
+    found = [place for place, (word, name) in pairs if is_number(word) or is_wanted_anywhere(name)]
+    return found or list(range(len(names)))
+
+
+def _places_in(path: str, names: Sequence[str], layout: Layout) -> list[int]:
+    try:
+        return places_in(names, layout)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _columns_of(path: str, names: Sequence[str] | None, width: int, columns: Sequence[str | int]) -> Sequence[int]:
-    by_name = [column.lower() for column in columns if isinstance(column, str)]
-    if by_name and names is None:
+    if names is None and any(isinstance(column, str) for column in columns):
         raise input_error(path, "has no header line, so its columns have no names", "give their positions, from 0")
-    places = dict(zip(by_name, find_columns(path, names or (), by_name, "check the names"), strict=True))
-    return _within(path, width, [places[c.lower()] if isinstance(c, str) else c for c in columns])
+    return _within(path, width, [_place(path, names or (), c) if isinstance(c, str) else c for c in columns])
+
+
+def _place(path: str, names: Sequence[str], column: str) -> int:
+    place = place_of(column, names)
+    if place is None:
+        problem = f"the header names no {column}, or several (it names {shown(names, ', ')})"
+        raise input_error(path, problem, "check the names, or give positions, from 0")
+    return place
 
 
 def _narrowed(path: str, source: ArraySource, columns: Columns) -> ArraySource:
