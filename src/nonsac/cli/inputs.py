@@ -120,12 +120,12 @@ def check_points(table: Table) -> None:
     """Refuse a model without an image, and an image without a model."""
     points, image = Path(table.file), table.images[0]
     table.check_options(image is None)
-    if image is None and points.is_dir() and not table.is_asked_for_as_table:
+    if image is None and os.path.isdir(points) and not table.is_asked_for_as_table:
         from nonsac.sources.open import holds_rows
 
         if not holds_rows(table.file):
             raise bad("--image", f"{points} holds the points of many images; name one")
-    if points.is_file() and image is not None and points.stem not in _MODEL_FILES:
+    if os.path.isfile(points) and image is not None and points.stem not in _MODEL_FILES:
         raise bad("--image", f"{points} holds the points of one image; only the folder of a COLMAP model has names")
 
 
@@ -185,10 +185,14 @@ def read_photo(option: str, path: Path | None, picture: Path | None, camera: Cam
         raise bad(option, "the points are not in pixels as long as there is no camera")
     from matplotlib.image import imread
 
+    from nonsac.files.content import check_regular
+    from nonsac.files.errors import InputError
+
     try:
+        check_regular(path)
         return imread(path)
-    except FileNotFoundError:
-        raise bad(option, f"{path}: no such file; check the path") from None
+    except InputError as error:
+        raise bad(option, str(error)) from None
     # What Pillow and its plugins raise for damaged files share no other type.
     except Exception:
         raise bad(option, f"{path}: is no image that can be read; give a .png or .jpg") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,6 +17,7 @@ import typer
 from nonsac.calls.registry import CALLS, Call
 from nonsac.cli.inputs import image_of
 from nonsac.cli.options import camera_of
+from nonsac.files.content import check_regular
 
 if TYPE_CHECKING:
     from nonsac.calls.jobs import Job
@@ -68,6 +70,7 @@ def _jobs(path: Path, call: str | None) -> Iterator[Job]:
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(f"{path}: a manifest is {' or '.join(_SUFFIXES)}; end the name in one of these")
+    check_regular(path)
     rows = _csv_rows(path) if suffix == ".csv" else _json_rows(path)
     for number, (line, row) in enumerate(rows, 1):
         try:
@@ -143,4 +146,4 @@ def _cell(call: Call, column: str, text: str, folder: Path) -> Any:
 def _camera(text: str, folder: Path) -> Any:
     """Many pairs share one."""
     file = folder / text
-    return camera_of(str(file) if file.is_file() else text)
+    return camera_of(str(file) if os.path.isfile(file) else text)

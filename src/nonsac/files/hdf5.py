@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from nonsac.files.content import check_kind
+from nonsac.files.content import check_kind, check_regular
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing
 
 
@@ -25,6 +25,7 @@ def open_hdf5(path: FilePath, files: str = "HDF5 files", extra: str = "hdf5") ->
         If h5py is missing, the file cannot be read, is no HDF5 file, is truncated or damaged; within the block, too.
     """
     h5py = _import_h5py(path, files, extra)
+    check_regular(path)
     if not h5py.is_hdf5(path):  # with a user block, which MATLAB writes, it does not start like one
         check_kind(path, "HDF5 file")
     try:

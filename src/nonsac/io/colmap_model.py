@@ -1,10 +1,11 @@
 """Read what an image shows, and where it was taken, from a sparse model of COLMAP."""
 
+import os
 from pathlib import Path
 
 import numpy as np
 
-from nonsac.files.content import unreadable
+from nonsac.files.content import status_of
 from nonsac.files.errors import FilePath, input_error
 from nonsac.io import colmap_binary, colmap_text
 from nonsac.io.correspondences import PointMatches, Points
@@ -86,11 +87,10 @@ def read_colmap_pose(folder: FilePath, image: str | int) -> Points:
 def _find_model(path: FilePath) -> tuple[Path, str]:
     """Return the folder of a model and the suffix of its files, given the folder or one of the files."""
     given = Path(path)
-    if not given.exists():
-        raise unreadable(path, FileNotFoundError())
-    folder, suffixes = (given, tuple(_READERS)) if given.is_dir() else (given.parent, (given.suffix,))
+    status_of(path)
+    folder, suffixes = (given, tuple(_READERS)) if os.path.isdir(given) else (given.parent, (given.suffix,))
     for suffix in suffixes:
-        if suffix in _READERS and (folder / f"images{suffix}").is_file():
+        if suffix in _READERS and os.path.isfile(folder / f"images{suffix}"):
             return folder, suffix
     problem = "is no model of COLMAP: there is no images.bin or images.txt"
     raise input_error(path, problem, "give the folder of a sparse model, such as sparse/0")

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
+from nonsac.files.content import check_regular
 from nonsac.files.errors import input_error
 
 __all__ = ["Journal"]
@@ -111,6 +112,8 @@ def _line(content: Any) -> bytes:
 
 def _opened(path: Path) -> BinaryIO:
     """The file, locked if the system can: the records of two runs would be mixed up."""
+    if os.path.lexists(path):  # a device or a pipe has no end
+        check_regular(path)
     file: BinaryIO = path.open("ab", buffering=0)
     try:
         _lock(file, path)

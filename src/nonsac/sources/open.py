@@ -266,11 +266,14 @@ def _only_dataset(path: str) -> str:
 
 def _only_array(path: str, columns: Columns) -> str | Sequence[str] | None:
     """The name of the only array (n, D) of numbers in a Zarr group, or those of its columns; None for an array."""
+    from nonsac.sources.zarr import check_metadata
+
     try:
         import zarr
     except ImportError:
         return None  # ZarrSource says so
     with file_errors(path):
+        check_metadata(path)
         opened = zarr.open(path, mode="r")
         if not isinstance(opened, zarr.Group):
             return None

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.files.content import unreadable
+from nonsac.files.content import check_regular, unreadable
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing, not_held
 from nonsac.sources.blocks import EvenBlockSource, block_rows
 from nonsac.sources.columns import choose_columns, common_length, read_columns, real_dtype, split_columns
 from nonsac.sources.contract import About
+
+_METADATA = ("zarr.json", ".zarray", ".zgroup", ".zattrs", ".zmetadata")
 
 
 class ZarrSource(EvenBlockSource):
@@ -106,6 +108,20 @@ class ZarrSource(EvenBlockSource):
         # Zarr itself takes what is gone for fill values.
         if "://" not in self.path and not os.path.exists(self.path):
             raise unreadable(self.path, FileNotFoundError())
+        check_metadata(self.path)
+
+
+def check_metadata(path: str) -> None:
+    """Refuse an array or group on disk whose descriptions, or those of the arrays in it, are pipes or devices."""
+    if "://" in path or not os.path.isdir(path):
+        return
+    with os.scandir(path) as entries:
+        folders = [path, *(entry.path for entry in entries if entry.is_dir())]
+    for folder in folders:
+        for name in _METADATA:
+            file = os.path.join(folder, name)
+            if os.path.lexists(file):
+                check_regular(file)
 
 
 def _arrays(path: str, node: Any, names: tuple[str, ...] | None) -> list[Any]:
