@@ -154,3 +154,68 @@ def test_h5py_missing(make_file, refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     message = refused(read_hloc, make_file("a.h5", b"\x89HDF\r\n\x1a\n"), "b.h5", A, B)
     assert message.endswith('reading the files of hloc needs h5py; pip install "nonsac[hloc]"')
+
+
+# --- an array for each image and for each pair, as DISK, kornia and deep-image-matching write ------------------------
+
+PAIRS = np.array([[0, 1], [2, 0]])
+
+
+@pytest.fixture
+def plain_features(tmp_path):
+    path = tmp_path / "keypoints.h5"
+    with h5py.File(path, "w") as file:
+        for name, keypoints in KEYPOINTS.items():
+            file[name] = keypoints
+    return path
+
+
+def plain_matches(path, first, second, matches):
+    with h5py.File(path, "w") as file:
+        file.create_group(first)[second] = matches
+    return path
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("kind", [np.int64, np.int32, np.uint16])
+def test_an_array_for_each_image_and_pair(plain_features, features, tmp_path, swapped, kind):
+    stored = (B, A, PAIRS[:, ::-1]) if swapped else (A, B, PAIRS)
+    path = plain_matches(tmp_path / "matches.h5", *stored[:2], stored[2].astype(kind))
+    for keypoints in (plain_features, features):  # deep-image-matching has groups of keypoints, too
+        matches = read_hloc(keypoints, path, A, B)
+        np.testing.assert_array_equal(matches.indices, PAIRS)
+        np.testing.assert_array_equal(matches.points1, [[0, 0], [30, 40]])
+        np.testing.assert_array_equal(matches.points2, [[7.5, 8.5], [5.5, 6.5]])
+        assert matches.weights is None
+        turned = read_hloc(keypoints, path, B, A)
+        np.testing.assert_array_equal(turned.points1, matches.points2)
+        np.testing.assert_array_equal(turned.points2, matches.points1)
+
+
+@pytest.mark.parametrize("empty", [np.zeros((0, 2), np.int64)])
+def test_a_pair_without_matches(plain_features, tmp_path, empty):
+    assert len(read_hloc(plain_features, plain_matches(tmp_path / "m.h5", A, B, empty), A, B)) == 0
+
+
+@pytest.mark.parametrize(
+    ("matches", "expected"),
+    [
+        (np.array([[0, 2]]), "does not fit the keypoints in "),
+        (np.array([[3, 0]]), "does not fit the keypoints in "),
+        (np.array([[0, -1]]), "holds a match with a keypoint that is not there; number the keypoints from 0"),
+        (np.array([[0, 2**64 - 1]], np.uint64), "holds a match with a keypoint that is not there"),
+        (np.array([[0.0, 1.0]]), "holds matches of shape (1, 2) and type float64, not integers (k, 2)"),
+        (np.array([[0, 1, 2], [0, 1, 0]]), "holds matches of shape (2, 3) and type int64, not integers (k, 2)"),
+    ],
+)
+def test_bad_arrays_of_matches(plain_features, tmp_path, refused, matches, expected):
+    path = plain_matches(tmp_path / "m.h5", A, B, matches)
+    assert expected in refused_matches(refused, plain_features, path)
+
+
+def test_unknown_names_of_arrays(plain_features, tmp_path, refused):
+    path = plain_matches(tmp_path / "m.h5", A, B, PAIRS)
+    message = refused(read_hloc, plain_features, path, A, "1.jpg")
+    assert f"holds no keypoints of image '1.jpg' (it holds {A}, {C}, {B}); check the name" in message
+    with pytest.raises(ValueError, match=rf"m.h5: holds no matches of '{A}' and '{C}' \(it holds {A}/{B}\)"):
+        read_hloc(plain_features, path, A, C)
