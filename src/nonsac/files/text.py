@@ -1,7 +1,8 @@
 """Read tables of numbers from text."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice, repeat
 
@@ -20,9 +21,10 @@ _COMMENT = re.compile(r"(?:(?<!\d\.)#|//|^\s*%).*")
 _SIGNS = re.compile(r"^(?:#|%|//|;)+\s*")
 _LEAD = re.compile(r"^(?:columns|fields|format|header|names)\s*[:=]\s*", re.IGNORECASE)
 _BEFORE_UNIT = re.compile(r"\s+(?=[\[(])")  # x [m] is one name
-_NO_NUMBER = re.compile(r"\d\.#(?:IND|S?QNAN|SNAN)\d*|nan\([\w-]*\)", re.IGNORECASE)
+_NO_NUMBER = re.compile(r"\d\.#(?:IND|QNAN|SNAN)\d*|nan\([\w-]*\)", re.IGNORECASE)
 _INFINITE = re.compile(r"\d\.#INF\d*", re.IGNORECASE)
 _LONGEST_LINE = 1 << 20
+_COMMENTS_LOOKED_AT = 100
 # A row of numbers in a wrong form, such as 1,5 or "1.5", must not pass for a header.
 _LIKE_A_NUMBER = re.compile(r"[\"']?[-+]?[.,]?\d")
 
@@ -150,21 +152,14 @@ def read_table(path: FilePath) -> Table:
     """
     text = _decoded(read_text(path))
     lines = _split(text)
-    if max(map(len, lines)) > _LONGEST_LINE:
-        number = next(number for number, line in enumerate(lines, 1) if len(line) > _LONGEST_LINE)
-        problem = f"line {number} is {len(lines[number - 1])} characters long"
-        raise input_error(path, problem, "write one row in each line")
+    _check_lengths(path, lines)
     comments = _comments_before(text, lines)
-    table = Table(path, lines)
-    header, table = _split_header(table)
+    header, table = _split_header(Table(path, lines))
     table = _without_count(table)
-    row = table.first_row()
-    if header is None:
-        named = (_words_of(_LEAD.sub("", _SIGNS.sub("", line)), len(row)) for line in reversed(comments))
-        return replace(table, names=next((_names(words) for words in named if _is_header(words, len(row))), None))
-    names = _names(_words_of(header, len(row)))
-    if row and len(row) != len(names):
-        problem = f"its header names {len(names)} columns, its rows have {len(row)}"
+    width = len(table.first_row())
+    names = _names_in_comments(comments, width) if header is None else _names(_words_of(header, width))
+    if width and names is not None and len(names) != width:
+        problem = f"its header names {len(names)} columns, its rows have {width}"
         raise input_error(path, problem, "name every column, or remove the header line")
     return replace(table, names=names)
 
@@ -178,8 +173,10 @@ def separator_of(line: str) -> str | None:
     """What stands between the values of a line; None for white space of any kind."""
     if mark := next((mark for mark in ";," if mark in line), None):
         return mark
-    cells = line.split("\t")
-    return "\t" if len(cells) > 1 and all(len(cell.split()) == 1 for cell in cells) else None
+    cells = [cell.split() for cell in line.split("\t")]
+    # Tabulators may also be mixed with other white space: then several numbers stand between two of them, or nothing.
+    are_values = all(len(words) == 1 or not all(map(is_number, words)) for words in cells)
+    return "\t" if len(cells) > 1 and are_values else None
 
 
 def is_number(text: str) -> bool:
@@ -198,18 +195,26 @@ def _decoded(content: bytes) -> str:
 
 def _split(text: str) -> list[str]:
     lines = text.split("\n")
-    if any(sign in text for sign in ("#", "//", "%")):
-        lines = [_COMMENT.sub("", line) for line in lines]
+    for sign in ("#", "//", "%"):
+        if sign in text:
+            lines = [_COMMENT.sub("", line) if sign in line else line for line in lines]
     if any(start in text for start in (".#", "nan(", "NaN(", "NAN(")):
         lines = [_INFINITE.sub("inf", _NO_NUMBER.sub("nan", line)) for line in lines]
     return [line.strip() for line in lines]
 
 
-def _comments_before(text: str, lines: list[str]) -> list[str]:
-    """The comments before the first row; those that begin with a semicolon are taken out of the lines."""
+def _check_lengths(path: FilePath, lines: Sequence[str]) -> None:
+    longest = max(map(len, lines))
+    if longest > _LONGEST_LINE:
+        number = next(number for number, line in enumerate(lines, 1) if len(line) == longest)
+        raise input_error(path, f"line {number} is {longest:,} characters long", "write one row in each line")
+
+
+def _comments_before(text: str, lines: list[str]) -> Iterable[str]:
+    """The last comments before the first row; those that begin with a semicolon are taken out of the lines."""
     first = next((line for line in lines if line and not line.startswith(";")), "")
     semicolons = first.count(";")
-    comments = []
+    comments: deque[str] = deque(maxlen=_COMMENTS_LOOKED_AT)
     for place, raw in enumerate(_each_line(text)):
         line = lines[place]
         # If semicolons separate values, one at the beginning may follow an empty value.
@@ -250,14 +255,19 @@ def _without_count(table: Table) -> Table:
 
 def _words_of(header: str, width: int) -> list[str]:
     """The names in a line, by the separator that gives as many as there are columns, if one does."""
-    line = _BEFORE_UNIT.sub("", header)
-    marks = [mark for mark in (separator_of(line), "\t", ",", ";", None) if mark is None or mark in line]
-    splits = [[word.strip() for word in line.split(mark)] for mark in marks]
+    marks = [mark for mark in (separator_of(header), "\t", ",", ";", None) if mark is None or mark in header]
+    lines = [_BEFORE_UNIT.sub("", header) if mark is None else header for mark in marks]
+    splits = [[word.strip() for word in line.split(mark)] for line, mark in zip(lines, marks, strict=True)]
     return next((words for words in splits if len(words) == width), splits[0])
 
 
-def _is_header(words: Sequence[str], width: int) -> bool:
-    return len(words) == width and is_usual(words) and not any(map(_may_be_number, words))
+def _names_in_comments(comments: Iterable[str], width: int) -> tuple[str, ...] | None:
+    """The names in the last comment that holds as many as there are columns, and usual ones; None if none does."""
+    for comment in reversed(list(comments)):
+        words = _words_of(_LEAD.sub("", _SIGNS.sub("", comment)), width)
+        if len(words) == width and is_usual(words) and not any(map(_may_be_number, words)):
+            return _names(words)
+    return None
 
 
 def _names(words: Sequence[str]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
 from nonsac.files.pipes import is_stream
 from nonsac.files.text import is_number, read_table
-from nonsac.layouts import MATCHES, PAIRS, POINTS, Layout
+from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
 from nonsac.sources.array import ArraySource
 from nonsac.sources.columns import arranged, places_in, unfit
 from nonsac.sources.contract import Source
@@ -156,13 +156,13 @@ def _open_hdf5(path: str, asked: _Asked) -> Source:
 
     if asked.dataset is None and _are_names(asked.columns):
         return Hdf5Source(path, asked.columns)
-    return Hdf5Source(path, _only_dataset(path) if asked.dataset is None else asked.dataset, columns=asked.columns)
+    return Hdf5Source(path, _datasets(path, asked) if asked.dataset is None else asked.dataset, columns=asked.columns)
 
 
 def _open_zarr(path: str, asked: _Asked) -> Source:
     from nonsac.sources.zarr import ZarrSource
 
-    array = _only_array(path, asked.columns) if asked.dataset is None else asked.dataset
+    array = _arrays(path, asked) if asked.dataset is None else asked.dataset
     return ZarrSource(path, array=array, columns=asked.columns)
 
 
@@ -185,7 +185,7 @@ def _open_parquet(paths: FilePath | Sequence[FilePath], asked: _Asked) -> Source
 
 def _check_numbers(path: str, layout: Layout, names: Sequence[str], others: Mapping[str, str]) -> None:
     """Refuse columns that have the right name but cannot be read, and so are not among `names`."""
-    for name in layout.names:
+    for name in (*layout.names, WEIGHT):
         place = place_of(name, list(others))
         if place_of(name, names) is None and place is not None:
             held = list(others)[place]
@@ -213,6 +213,8 @@ def _open_archive(path: str, layout: Layout | None) -> ArraySource:
     """Both parts of the rows under their keys, and the weights; else the only array that fits."""
     layouts = _KNOWN if layout is None else (layout,)
     with open_npz(path) as archive:
+        if layout is not None and (columns := _columns_in_archive(archive, layout)):
+            return _of_numbers(path, columns)
         keys = [pair for known in layouts for pair in known.keys]
         pair = next((pair for pair in keys if set(pair) <= set(archive.names)), None)
         if pair is not None:
@@ -228,6 +230,15 @@ def _open_archive(path: str, layout: Layout | None) -> ArraySource:
         if "weights" in archive.names and layout is not None and sum(map(_columns_in, parts)) == len(layout.names):
             parts.append(_weights(archive, len(parts[0])))
     return _of_numbers(path, parts, layout)
+
+
+def _columns_in_archive(archive: Archive, layout: Layout) -> list[NDArray[Any]]:
+    """The arrays (n, 1) of a layout's columns and of the weights, if the archive has an array (n,) for each column."""
+    if not set(layout.names) <= set(archive.names):
+        return []
+    weight = next((name for name in (WEIGHT, "weights") if name in archive.names), None)
+    columns = [archive.load(name) for name in (*layout.names, *([] if weight is None else [weight]))]
+    return [column[:, None] for column in columns] if all(column.ndim == 1 for column in columns) else []
 
 
 def _columns_in(part: NDArray[Any]) -> int:
@@ -254,18 +265,26 @@ def _of_numbers(path: str, parts: Sequence[NDArray[Any]], layout: Layout | None 
         raise input_error(path, f"holds no rows of numbers ({error})", "save arrays (n, D) of equal length") from error
 
 
-def _only_dataset(path: str) -> str:
-    """The name of the only dataset (n, D) of numbers in an HDF5 file."""
+def _datasets(path: str, asked: _Asked) -> str | Sequence[str]:
+    """The datasets of an HDF5 file that hold the columns of the layout, or else the only one (n, D) of numbers."""
     from nonsac.files.hdf5 import open_hdf5
 
-    found: list[str] = []
+    tables: list[str] = []
+    columns: list[str] = []
+
+    def visit(name: str, item: Any) -> None:
+        if _is_table(item):
+            tables.append(name)
+        elif _is_column(item) and "/" not in name:
+            columns.append(name)
+
     with open_hdf5(path) as file:
-        file.visititems(lambda name, item: found.append(name) if _is_table(item) else None)
-    return _the_only(path, found)
+        file.visititems(visit)
+    return _named_in(path, asked, columns, tables) or _the_only(path, tables)
 
 
-def _only_array(path: str, columns: Columns) -> str | Sequence[str] | None:
-    """The name of the only array (n, D) of numbers in a Zarr group, or those of its columns; None for an array."""
+def _arrays(path: str, asked: _Asked) -> str | Sequence[str] | None:
+    """The arrays of a Zarr group, likewise, or those of the columns asked for; None for an array."""
     from nonsac.sources.zarr import check_metadata
 
     try:
@@ -277,19 +296,37 @@ def _only_array(path: str, columns: Columns) -> str | Sequence[str] | None:
         opened = zarr.open(path, mode="r")
         if not isinstance(opened, zarr.Group):
             return None
-        return (
-            columns if _are_names(columns) else _the_only(path, [n for n, each in opened.arrays() if _is_table(each)])
-        )
+        if _are_names(asked.columns):
+            return asked.columns
+        held = list(opened.arrays())
+    tables, columns = [n for n, each in held if _is_table(each)], [n for n, each in held if _is_column(each)]
+    return _named_in(path, asked, columns, tables) or _the_only(path, tables)
+
+
+def _named_in(path: str, asked: _Asked, columns: Sequence[str], tables: Sequence[str]) -> Sequence[str] | None:
+    """The arrays (n,) that are named as the columns of the layout; refused if there are others, and no table."""
+    if asked.layout is None or asked.columns is not None or not columns:
+        return None
+    try:
+        return [columns[place] for place in places_in(columns, asked.layout)]
+    except ValueError as error:
+        if tables:
+            return None
+        raise InputError(f"{path}: {error}") from None
 
 
 def _is_table(array: Any) -> bool:
     return getattr(array, "ndim", 0) == 2 and array.dtype.kind in "fiu"
 
 
+def _is_column(array: Any) -> bool:
+    return getattr(array, "ndim", 0) == 1 and array.dtype.kind in "fiu"
+
+
 def _the_only(path: str, names: Sequence[str]) -> str:
     if len(names) != 1:
-        problem = f"cannot tell which array holds the rows (n, D): {', '.join(names) or 'there is none'}"
-        raise input_error(path, problem, "name one as the dataset")
+        problem = f"cannot tell which array holds the rows (n, D): {', '.join(names[:20]) or 'there is none'}"
+        raise input_error(path, problem, "name one as the dataset, or arrays (n,) as columns")
     return names[0]
 
 
