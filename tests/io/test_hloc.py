@@ -192,7 +192,18 @@ def test_an_array_for_each_image_and_pair(plain_features, features, tmp_path, sw
         np.testing.assert_array_equal(turned.points2, matches.points1)
 
 
-@pytest.mark.parametrize("empty", [np.zeros((0, 2), np.int64)])
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("key", ["{}/{}", "{}-{}"])
+def test_matches_in_columns(plain_features, tmp_path, swapped, key):
+    """As DISK's own program and the image matching challenge have them."""
+    three = np.array([[0, 1], [2, 0], [1, 1]])
+    with h5py.File(tmp_path / "m.h5", "w") as file:
+        file[key.format(B, A) if swapped else key.format(A, B)] = (three[:, ::-1] if swapped else three).T
+    np.testing.assert_array_equal(read_hloc(plain_features, tmp_path / "m.h5", A, B).indices, three)
+    np.testing.assert_array_equal(read_hloc(plain_features, tmp_path / "m.h5", B, A).indices, three[:, ::-1])
+
+
+@pytest.mark.parametrize("empty", [np.zeros((0, 2), np.int64), np.zeros((2, 0), np.uint16)])
 def test_a_pair_without_matches(plain_features, tmp_path, empty):
     assert len(read_hloc(plain_features, plain_matches(tmp_path / "m.h5", A, B, empty), A, B)) == 0
 
@@ -204,8 +215,9 @@ def test_a_pair_without_matches(plain_features, tmp_path, empty):
         (np.array([[3, 0]]), "does not fit the keypoints in "),
         (np.array([[0, -1]]), "holds a match with a keypoint that is not there; number the keypoints from 0"),
         (np.array([[0, 2**64 - 1]], np.uint64), "holds a match with a keypoint that is not there"),
-        (np.array([[0.0, 1.0]]), "holds matches of shape (1, 2) and type float64, not integers (k, 2)"),
-        (np.array([[0, 1, 2], [0, 1, 0]]), "holds matches of shape (2, 3) and type int64, not integers (k, 2)"),
+        (np.array([[0.0, 1.0]]), "holds matches of shape (1, 2) and type float64, not integers (k, 2) or (2, k)"),
+        (np.array([[0, 1, 2]]), "holds matches of shape (1, 3) and type int64, not integers (k, 2) or (2, k)"),
+        (np.array([0, 1]), "holds matches of shape (2,) and type int64, not integers (k, 2) or (2, k)"),
     ],
 )
 def test_bad_arrays_of_matches(plain_features, tmp_path, refused, matches, expected):

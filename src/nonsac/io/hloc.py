@@ -25,7 +25,8 @@ def read_hloc(features: FilePath, matches: FilePath, image1: str, image2: str) -
         array (n, 2) for each image.
     matches
         The file of the matches of these keypoints: of hloc, with a group for each pair of images; or with a group for
-        the first image, which holds an array (k, 2) for the second one.
+        the first image, which holds an array (k, 2) or (2, k) for the second one; or with such an array for each pair,
+        whose name has a hyphen between the images, as the image matching challenge (IMC) has it.
     image1, image2
         Names of the images, such as ``db/1.jpg``, in either order.
 
@@ -78,10 +79,12 @@ def _read_partners(path: FilePath, pair: Any) -> _Stored:
 
 
 def _read_indices(path: FilePath, pair: Any) -> _Stored:
-    """Matches of DISK and others: the two keypoints of each."""
+    """Matches of others: the two keypoints of each in a row or, of DISK itself and of IMC, in a column."""
     array = np.asarray(pair)
+    if array.ndim == 2 and array.shape[0] == 2 and array.shape[1] != 2:
+        array = array.T
     if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != 2:
-        problem = f"holds matches of shape {array.shape} and type {array.dtype}, not integers (k, 2)"
+        problem = f"holds matches of shape {array.shape} and type {array.dtype}, not integers (k, 2) or (2, k)"
         raise input_error(path, problem, "save a row of two numbers of keypoints for each match")
     if len(array) and not 0 <= array.min() <= array.max() < _MOST_KEYPOINTS:
         raise input_error(path, "holds a match with a keypoint that is not there", "number the keypoints from 0")
@@ -105,10 +108,12 @@ def _find_pair(path: FilePath, file: Any, image1: str, image2: str) -> tuple[Any
             group = _find_group(file, separator.join(reversed(names) if swapped else names), "matches0")
             if group is not None:
                 return group, swapped
-    for swapped in (False, True):
-        array = _find_array(file, f"{image2}/{image1}" if swapped else f"{image1}/{image2}")
-        if array is not None:
-            return array, swapped
+    for separator in "/-":
+        for swapped in (False, True):
+            first, second = (image2, image1) if swapped else (image1, image2)
+            array = _find_array(file, f"{first}{separator}{second}")
+            if array is not None:
+                return array, swapped
     raise not_held(path, f"matches of {image1!r} and {image2!r}", _names(file, "matches0"))
 
 
