@@ -1,10 +1,13 @@
+import contextlib
 import pickle
 
 import numpy as np
 import pytest
 
 from nonsac.io import InputError
+from nonsac.layouts import MATCHES, POINTS
 from nonsac.sources import ArraySource
+from nonsac.sources.columns import arranged
 
 LAYOUTS = {
     "C": lambda rows: rows,
@@ -114,3 +117,32 @@ def test_a_map_that_cannot_be_opened_there_is_refused(tmp_path, damage):
     damage(tmp_path / "rows.npy")
     with pytest.raises(InputError, match=r"rows\.npy: cannot be mapped again"):
         pickle.loads(told)
+
+
+class Frame:
+    """As pandas and polars have it, as far as it matters."""
+
+    def __init__(self, rows, columns):
+        self.rows, self.columns = rows, columns
+
+    def __array__(self, dtype=None, copy=None):
+        return self.rows
+
+
+def test_the_names_of_tables_are_kept():
+    """So that x2 y2 x1 y1 are not taken for x1 y1 x2 y2."""
+    rows, names = np.arange(20.0).reshape(5, 4), ["x2", "y2", "x1", "y1"]
+    tables = [Frame(rows, names), Frame(rows, iter(names))]
+    with contextlib.suppress(ImportError):
+        import pyarrow as pa
+
+        table = pa.table(dict(zip(names, rows.T, strict=True)))
+        tables += [table, table.to_batches()[0]]
+    for table in tables:
+        source = ArraySource(table)
+        assert source.about.names == tuple(names)
+        np.testing.assert_array_equal(arranged(source, MATCHES).take(np.arange(5)), rows[:, [2, 3, 0, 1]])
+        with pytest.raises(ValueError, match="of which none is called u v X Y Z"):
+            arranged(source, POINTS)
+    assert ArraySource(Frame(rows, names), ["a", "b", "c", "d"]).about.names == ("a", "b", "c", "d")
+    assert ArraySource(Frame(rows, range(4))).about.names is None

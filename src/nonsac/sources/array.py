@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.sources.columns import names_of_table
 from nonsac.sources.contract import About, Source
 
 
@@ -21,13 +22,15 @@ class ArraySource(Source):
     Parameters
     ----------
     rows : (n, D) array
+        Or a table of pandas, polars or Arrow, whose columns have names.
     names : sequence of str, optional
-        What the columns are called, if calls are to find theirs by name.
+        What the columns are called, if calls are to find theirs by name; by default as in the table.
     """
 
     def __init__(self, rows: ArrayLike, names: Sequence[str] | None = None) -> None:
         if np.ma.isMaskedArray(rows):
             raise TypeError("rows must not be a masked array; pass rows.filled(numpy.nan) to have masked rows dropped")
+        names = names_of_table(rows) if names is None else names
         self.rows = np.asanyarray(rows)
         if self.rows.ndim != 2:
             raise ValueError(f"rows must be a (n, D) array, got shape {self.rows.shape}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -13,6 +13,13 @@ from nonsac.files.column_names import find_places, shown
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.layouts import WEIGHT, Layout
 from nonsac.sources.contract import Source
+
+
+def names_of_table(rows: Any) -> tuple[str, ...] | None:
+    """What the columns of a table in memory (of pandas, polars or Arrow) are called; None for what has no names."""
+    held = getattr(rows, "column_names", getattr(rows, "columns", None))
+    names = tuple(held) if isinstance(held, Iterable) else ()
+    return names if names and all(isinstance(name, str) for name in names) else None
 
 
 def choose_columns(
