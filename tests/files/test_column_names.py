@@ -89,6 +89,7 @@ def test_one_name():
     assert place_of("w", ["W", "w"]) == 1
     assert place_of("w", ["W", "W"]) is None
     assert place_of("w", ["x"]) is None
+    assert place_of("x'", ["x", '"X\'"']) == 1
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ NAN, INF = np.nan, np.inf
         ("x y X Y\n1 2 3 4\n", "x y X Y"),
         ("name\tX (m)\tY (m)\tZ (m)\nan oak\t1\t2\t3\n", "name x_(m) y_(m) z_(m)"),
         ('"x";"y";"z";"i"\n1;2;3;4\n', "x y z i"),
+        ("x,y,x',y'\n1,2,3,4\n", "x y x' y'"),
     ],
 )
 def test_headers(make_file, text, names):

@@ -201,6 +201,33 @@ def test_paths_that_cannot_be_read(tmp_path, refused, make_file, monkeypatch):
     assert "permission denied; make the file readable" in refused(read_cloud, make_file("a.ply", b"ply\n"))
 
 
+@pytest.mark.parametrize("suffix", [suffix for suffix in READERS if suffix not in (".las", ".laz")])
+def test_files_that_no_memory_holds(make_file, refused, suffix):
+    """The first bytes are looked at before all are read."""
+    path = make_file("a" + suffix, b"")
+    with path.open("r+b") as file:
+        file.truncate(1 << 42)
+    assert "it looks like an unknown binary file" in refused(read_cloud, path)
+
+
+def test_text_that_no_memory_holds(make_file, refused, monkeypatch):
+    def fill(_):
+        raise MemoryError
+
+    monkeypatch.setattr(Path, "read_bytes", fill)
+    path = make_file("a.csv", "1 2 3\n")
+    assert "is larger than the memory there is; save it as Parquet or .npy" in refused(read_cloud, path)
+
+
+def test_a_structured_array_names_its_columns(tmp_path, refused):
+    rows = np.zeros(2, [(name, "f4") for name in ("i", "Z", "y", "x")])
+    rows["x"], rows["y"], rows["Z"] = (1, 4), (2, 5), (3, 6)
+    np.save(tmp_path / "a.npy", rows)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.npy"), [[1, 2, 3], [4, 5, 6]])
+    np.save(tmp_path / "b.npy", rows[["i", "y", "x"]].copy())
+    assert "the header names no z (it names i, y, x)" in refused(read_cloud, tmp_path / "b.npy")
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read everything")
 def test_unreadable_permissions(make_file, refused):
     path = make_file("a.xyz", "1 2 3\n")

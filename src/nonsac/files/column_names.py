@@ -58,6 +58,7 @@ _OTHERS = """
 _SIGNS = re.compile(r"^(?:#|%|//|;)+\s*")
 _IN_BRACKETS = re.compile(r"\s*[\[(<{]\s*(\w+)\s*[])>}]$")
 _APPENDED = re.compile(r"(?<=\w)[_/ ](mm|cm|km|m|ft|px|pix|pixels?)$")
+_QUOTED = re.compile(r"^([\"'])(.*)\1$")
 _BETWEEN = re.compile(r"[\s_-]+")
 _NAMES_SHOWN, _LETTERS_SHOWN = 20, 40
 
@@ -118,6 +119,11 @@ def shown(names: Sequence[str], separator: str = " ") -> str:
     return some if len(names) <= _NAMES_SHOWN else f"{some} and {len(names) - _NAMES_SHOWN} more"
 
 
+def unquoted(name: str) -> str:
+    """A name without the quotes around it; an apostrophe behind it is its own."""
+    return _QUOTED.sub(r"\2", name.strip()).strip()
+
+
 def _by_usual_names(names: Sequence[str], wanted: Sequence[str]) -> list[int | None] | None:
     """The places of the only line of other names that the file has."""
     fitting: dict[tuple[int, ...], None] = {}
@@ -157,7 +163,7 @@ def _unit(name: str) -> str | None:
 
 
 def _parsed(name: str) -> tuple[str, str | None]:
-    text = _SIGNS.sub("", name.strip().strip("\"'").lower())
+    text = _SIGNS.sub("", unquoted(name).lower())
     found = _IN_BRACKETS.search(text) or _APPENDED.search(text)
     unit = _UNIT_OF.get(found[1]) if found else None
     if found and unit:

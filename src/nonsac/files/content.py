@@ -68,24 +68,26 @@ def read_content(path: FilePath, kind: str) -> bytes:
     InputError
         If the file cannot be read, is empty or is of another kind.
     """
-    content = read_bytes(path)
-    check_head(path, content, kind)
-    return content
+    check_kind(path, kind)
+    return read_bytes(path, kind)
 
 
-def read_bytes(path: FilePath) -> bytes:
-    """Read a whole file of any kind.
+def read_bytes(path: FilePath, kind: str = "file") -> bytes:
+    """Read a whole file, of which the kind is known or does not matter.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is empty.
+        If the file cannot be read, is empty or larger than the memory.
     """
     check_regular(path)
     try:
         content = Path(path).read_bytes()
     except OSError as error:
         raise unreadable(path, error) from error
+    except MemoryError:
+        fix = "save it as Parquet or .npy, which are read in pieces" if kind == "text table" else "give a smaller one"
+        raise input_error(path, "is larger than the memory there is", fix) from None
     return _not_empty(path, content)
 
 

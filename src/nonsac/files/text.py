@@ -9,7 +9,7 @@ from itertools import chain, islice, repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.files.column_names import is_usual
+from nonsac.files.column_names import is_usual, unquoted
 from nonsac.files.errors import FilePath, InputError, input_error
 from nonsac.files.pipes import read_text
 from nonsac.files.records import truncated
@@ -271,7 +271,7 @@ def _names_in_comments(comments: Iterable[str], width: int) -> tuple[str, ...] |
 
 
 def _names(words: Sequence[str]) -> tuple[str, ...]:
-    names = tuple(word.strip("\"'") for word in words)
+    names = tuple(map(unquoted, words))
     folded = tuple(name.lower() for name in names)
     return folded if len(set(folded)) == len(set(names)) else names
 
