@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 # For the columns on the left, other names that leave no doubt, if a file has all of a line. They are compared without
 # regard to case, spaces, underscores and hyphens; those on the left are, too.
@@ -85,20 +85,21 @@ def find_places(names: Sequence[str], wanted: Sequence[str], split: int | None =
     ValueError
         If several columns could be meant, or if their units differ.
     """
-    candidates = [_candidates(word, names) for word in wanted]
+    held = _Places(names)
+    candidates = [held.of(word) for word in wanted]
     for word, found in zip(wanted, candidates, strict=True):
         if len(found) > 1:
             raise ValueError(f"several columns could be {word} ({shown([names[place] for place in found], ', ')})")
     places: list[int | None] = [found[0] if found else None for found in candidates]
     if None in places:
-        places = _by_usual_names(names, wanted) or places
+        places = _by_usual_names(held, names, wanted) or places
     _check_units([None if place is None else _unit(names[place]) for place in places], split)
     return places
 
 
 def place_of(name: str, names: Sequence[str]) -> int | None:
     """Where the one column is that a name can mean; None if there is none, or if there are several."""
-    found = _candidates(name, names)
+    found = _Places(names).of(name)
     return found[0] if len(found) == 1 else None
 
 
@@ -124,11 +125,11 @@ def unquoted(name: str) -> str:
     return _QUOTED.sub(r"\2", name.strip()).strip()
 
 
-def _by_usual_names(names: Sequence[str], wanted: Sequence[str]) -> list[int | None] | None:
+def _by_usual_names(held: _Places, names: Sequence[str], wanted: Sequence[str]) -> list[int | None] | None:
     """The places of the only line of other names that the file has."""
     fitting: dict[tuple[int, ...], None] = {}
     for others in _USUAL.get(" ".join(wanted), ()):
-        found = [_candidates(word, names) for word in others.split()]
+        found = [held.of(word) for word in others.split()]
         if all(len(each) == 1 for each in found) and len({each[0] for each in found}) == len(found):
             fitting[tuple(each[0] for each in found)] = None
     if len(fitting) > 1:
@@ -137,13 +138,24 @@ def _by_usual_names(names: Sequence[str], wanted: Sequence[str]) -> list[int | N
     return list(next(iter(fitting))) if fitting else None
 
 
-def _candidates(name: str, names: Sequence[str]) -> list[int]:
-    """The columns of exactly this name, else those in another case, else those with a unit or other separators."""
-    for spelled in (str, str.lower, _word):
-        found = [place for place, other in enumerate(names) if spelled(other) == spelled(name)]
-        if found:
-            return found
-    return []
+class _Places:
+    """Where names are, by how they are spelled: exactly, in any case, or with units and separators."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self._found: dict[Callable[[str], str], dict[str, list[int]]] = {}
+
+    def of(self, name: str) -> list[int]:
+        """The columns of exactly this name, else those in another case, else those with a unit or other separators."""
+        return next(filter(None, (self._by(spelled).get(spelled(name)) for spelled in (str, str.lower, _word))), [])
+
+    def _by(self, spelled: Callable[[str], str]) -> dict[str, list[int]]:
+        if spelled not in self._found:
+            found: dict[str, list[int]] = {}
+            for place, name in enumerate(self._names):
+                found.setdefault(spelled(name), []).append(place)
+            self._found[spelled] = found
+        return self._found[spelled]
 
 
 def _check_units(units: Sequence[str | None], split: int | None) -> None:

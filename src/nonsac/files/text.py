@@ -23,7 +23,9 @@ _LEAD = re.compile(r"^(?:columns|fields|format|header|names)\s*[:=]\s*", re.IGNO
 _BEFORE_UNIT = re.compile(r"\s+(?=[\[(])")  # x [m] is one name
 _NO_NUMBER = re.compile(r"\d\.#(?:IND|QNAN|SNAN)\d*|nan\([\w-]*\)", re.IGNORECASE)
 _INFINITE = re.compile(r"\d\.#INF\d*", re.IGNORECASE)
-_LONGEST_LINE = 1 << 20
+_HOLDS_NUMBER = re.compile(r"[\s;,][\"']?[-+]?[.,]?\d")
+_MOST_DIGITS = 18
+_LONGEST_LINE = 1 << 18
 _COMMENTS_LOOKED_AT = 100
 # A row of numbers in a wrong form, such as 1,5 or "1.5", must not pass for a header.
 _LIKE_A_NUMBER = re.compile(r"[\"']?[-+]?[.,]?\d")
@@ -219,7 +221,7 @@ def _comments_before(text: str, lines: list[str]) -> Iterable[str]:
         line = lines[place]
         # If semicolons separate values, one at the beginning may follow an empty value.
         is_remark = line.startswith(";") and (not semicolons or line.count(";") == 1 < semicolons)
-        if is_remark and not any(map(_may_be_number, _words_of(line[1:], 0))):
+        if is_remark and not _HOLDS_NUMBER.search(line):
             lines[place] = ""
         if lines[place]:
             break
@@ -248,7 +250,8 @@ def _split_header(table: Table) -> tuple[str | None, Table]:
 def _without_count(table: Table) -> Table:
     """The table without the number of its rows, with which a PTS file starts."""
     first, second = (row for _, row in islice(chain(table.rows(), repeat((0, list[str]()))), 2))
-    if len(first) == 1 and first[0].isdecimal() and len(second) != 1:
+    is_count = len(first) == 1 and first[0].isdecimal() and len(first[0]) <= _MOST_DIGITS
+    if is_count and len(second) != 1:
         return table.after_first_row(promised=int(first[0]))
     return table
 
