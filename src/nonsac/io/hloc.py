@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from nonsac.files.arrays import as_rows
 from nonsac.files.errors import FilePath, input_error, not_held
-from nonsac.files.hdf5 import open_hdf5
+from nonsac.files.hdf5 import Parts, open_hdf5, read_dataset
 from nonsac.io.correspondences import Matches, Points
 
 _NEEDS = ("the files of hloc", "hloc")
@@ -57,10 +57,10 @@ def read_hloc(features: FilePath, matches: FilePath, image1: str, image2: str) -
 
 
 def _read_keypoints(path: FilePath, file: Any, image: str) -> Points:
-    group = _find_group(file, image, "keypoints")
+    group = _find_group(path, file, image, "keypoints")
     if group is None:
         raise not_held(path, f"keypoints of image {image!r}", _names(file, "keypoints"))
-    return as_rows(path, np.asarray(group["keypoints"]), 2)
+    return as_rows(path, read_dataset(path, group, "keypoints"), 2)
 
 
 def _find_pair(path: FilePath, file: Any, image1: str, image2: str) -> tuple[Any, bool]:
@@ -69,15 +69,15 @@ def _find_pair(path: FilePath, file: Any, image1: str, image2: str) -> tuple[Any
     # Older versions of hloc have "_" between the names.
     for separator in "/_":
         for swapped in (False, True):
-            group = _find_group(file, separator.join(reversed(names) if swapped else names), "matches0")
+            group = _find_group(path, file, separator.join(reversed(names) if swapped else names), "matches0")
             if group is not None:
                 return group, swapped
     raise not_held(path, f"matches of {image1!r} and {image2!r}", _names(file, "matches0"))
 
 
-def _find_group(file: Any, name: str, dataset: str) -> Any:
+def _find_group(path: FilePath, file: Any, name: str, dataset: str) -> Any:
     """Return the group of this name if there is one that holds the data set, else None."""
-    group: Any = file.get(name) if name else None
+    group: Any = Parts(path, []).find(file, name) if name else None
     return group if hasattr(group, "keys") and dataset in group else None
 
 
@@ -89,7 +89,7 @@ def _names(file: Any, dataset: str) -> list[str]:
 
 
 def _read(path: FilePath, group: Any, name: str, kinds: str) -> NDArray[Any]:
-    array = np.asarray(group[name])
+    array = read_dataset(path, group, name)
     if array.ndim != 1 or array.dtype.kind not in kinds:
         problem = f"the data set {name} has the shape {array.shape} and the type {array.dtype}"
         raise input_error(path, problem, "write it with hloc: one number for every keypoint")
