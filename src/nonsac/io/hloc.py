@@ -43,7 +43,7 @@ def read_hloc(features: FilePath, matches: FilePath, image1: str, image2: str) -
     with open_hdf5(matches, *_NEEDS) as file:
         pair, swapped = _find_pair(matches, file, image1, image2)
         partners = _read(matches, pair, "matches0", "i")
-        scores = _read(matches, pair, "matching_scores0", "iuf") if "matching_scores0" in pair else None
+        scores = _read(matches, pair, "matching_scores0", "iuf") if _holds(matches, pair, "matching_scores0") else None
     stored = keypoints[::-1] if swapped else keypoints
     matched = np.flatnonzero(partners >= 0)
     indices = np.column_stack([matched, partners[matched]])
@@ -78,7 +78,12 @@ def _find_pair(path: FilePath, file: Any, image1: str, image2: str) -> tuple[Any
 def _find_group(path: FilePath, file: Any, name: str, dataset: str) -> Any:
     """Return the group of this name if there is one that holds the data set, else None."""
     group: Any = Parts(path, []).find(file, name) if name else None
-    return group if hasattr(group, "keys") and dataset in group else None
+    return group if hasattr(group, "keys") and _holds(path, group, dataset) else None
+
+
+def _holds(path: FilePath, group: Any, dataset: str) -> bool:
+    # The operator "in" would open whatever file a link names.
+    return hasattr(Parts(path, []).find(group, dataset), "shape")
 
 
 def _names(file: Any, dataset: str) -> list[str]:
