@@ -1,9 +1,13 @@
 """Read the points of LAS and LAZ files."""
 
+from __future__ import annotations
+
+import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from itertools import accumulate
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +19,8 @@ from nonsac.files.records import truncated
 
 _POINTS_AT_ONCE = 500_000
 _SHORTEST_HEADER, _RECORD_HEADER = 227, 54  # bytes
-_ITEMS = 32  # where the record of the compression has the number of parts of a point
+_LAYERED, _NO_FIXED_CHUNK, _LONGEST_CHUNK = 3, 2**32 - 1, 2 * 10**6
+_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _PANIC = "PanicException"
 
 
@@ -49,6 +54,29 @@ def read_las(path: FilePath) -> NDArray[np.float64]:
     if found < len(points):
         raise truncated(path, len(points), found)
     return points
+
+
+class _Item(NamedTuple):
+    """A part of a point that is compressed by itself."""
+
+    kind: int
+    size: int
+
+
+class _Compression:
+    """What the record of the compression says of a LAZ file."""
+
+    def __init__(self, record: bytes) -> None:
+        self.record = record
+        kind, points, count = struct.unpack_from("<H10xI16xH", record)
+        items = [struct.unpack_from("<HH", record, 34 + 6 * item) for item in range(count)]
+        self.items, self.is_layered = [_Item(*item) for item in items], kind == _LAYERED
+        self.chunk_points = 0 if points == _NO_FIXED_CHUNK else points
+
+    @property
+    def layers(self) -> int:
+        """How many layers a chunk has; one for each of the bytes that are no part of the format."""
+        return sum(_LAYERS.get(item.kind, item.size) for item in self.items)
 
 
 @contextmanager
@@ -93,15 +121,13 @@ def open_las(path: FilePath, single_threaded: bool = False) -> Iterator[Any]:
 def _check_records(path: FilePath, head: bytes) -> None:
     """Check what the header says of itself and the records behind it, of which laspy would read any number."""
     if len(head) < _SHORTEST_HEADER:
-        raise input_error(path, "is truncated", "copy or export the file again")
+        raise _damaged(path, "its header is too short")
     header_size, offset, records = struct.unpack_from("<HII", head, 94)
     size = size_of(path)
     if not _SHORTEST_HEADER <= header_size <= offset <= size:
-        problem = f"is truncated or damaged: its points start at byte {offset} of {size}"
-        raise input_error(path, problem, "copy or export the file again")
+        raise _damaged(path, f"its points start at byte {offset} of {size}")
     if records * _RECORD_HEADER > offset - header_size:
-        problem = f"is damaged: {records} records do not fit into the {offset - header_size} bytes before its points"
-        raise input_error(path, problem, "copy or export the file again")
+        raise _damaged(path, f"{records} records do not fit into {offset - header_size} bytes before its points")
 
 
 def _check_points(path: FilePath, header: Any) -> None:
@@ -112,35 +138,62 @@ def _check_points(path: FilePath, header: Any) -> None:
         if held < count:
             raise truncated(path, count, held)
         return
-    record = header.vlrs.get("LasZipVlr")[0].record_data
-    (items,) = struct.unpack_from("<H", record, _ITEMS)
-    item_sizes = [struct.unpack_from("<H", record, _ITEMS + 4 + 6 * item)[0] for item in range(items)]
-    if sum(item_sizes) != size:
-        problem = f"is damaged: its points have {size} bytes, when they are compressed {sum(item_sizes)}"
-        raise input_error(path, problem, "copy or export the file again")
-    _check_chunk_table(path, header, stored)
+    compression = _Compression(header.vlrs.get("LasZipVlr")[0].record_data)
+    if sum(item.size for item in compression.items) != size or compression.chunk_points > max(count, _LONGEST_CHUNK):
+        raise _damaged(path, f"the record of the compression does not fit its {count} points of {size} bytes")
     numbers = count * max(size, 24) // 8
     check_expansion(path, f"its {count} points", numbers, stored, "copy it again, or export it as .las")
-
-
-def _check_chunk_table(path: FilePath, header: Any, stored: int) -> None:
-    """Check the number of compressed chunks, for which the library would make room before it reads one."""
-    first = header.offset_to_point_data + 8
     with open(path, "rb") as file:
-        file.seek(header.offset_to_point_data)
-        place = int.from_bytes(file.read(8), "little", signed=True)
-        if place == -1:  # a file written without going back has the place at its end
-            file.seek(stored - 8)
-            place = int.from_bytes(file.read(8), "little", signed=True)
-        if not header.point_count and place <= 0:
-            return
-        if not first <= place <= stored - 8:
-            raise input_error(path, "is truncated or damaged: it has no table of chunks", "copy or export it again")
-        file.seek(place + 4)
-        chunks = int.from_bytes(file.read(4), "little")
-    if chunks > max(header.point_count, 1):
-        problem = f"is damaged: {header.point_count} points do not make {chunks} chunks"
-        raise input_error(path, problem, "copy or export the file again")
+        _check_chunks(path, file, header, compression)
+
+
+def _check_chunks(path: FilePath, file: BinaryIO, header: Any, compression: _Compression) -> None:
+    """Check the numbers and sizes of compressed chunks and their layers, for which the library would make room."""
+    stored, first = file.seek(0, os.SEEK_END), header.offset_to_point_data + 8
+    table = _integer(file, first - 8, 8)
+    if table == -1:  # a file written without going back has the place at its end
+        table = _integer(file, stored - 8, 8)
+    if not header.point_count and table <= 0:
+        return
+    if not first <= table <= stored - 8:
+        raise _damaged(path, "it has no table of chunks")
+    chunks = _integer(file, table + 4, 4)
+    if not 0 <= chunks <= max(header.point_count, 1):
+        raise _damaged(path, f"{header.point_count} points do not make {chunks} chunks")
+    sizes = _chunk_sizes(file, header, compression)
+    if sum(sizes) > table - first:
+        raise _damaged(path, f"chunks of {sum(sizes)} bytes do not fit into {table - first}")
+    if compression.is_layered:
+        for start, size in zip(accumulate(sizes, initial=first), sizes, strict=False):
+            if _size_of_layers(file, start, header.point_format.size, compression.layers) > size:
+                raise _damaged(path, "the layers of a chunk do not fit into it")
+
+
+def _chunk_sizes(file: BinaryIO, header: Any, compression: _Compression) -> list[int]:
+    """Bytes of each compressed chunk; none if another library than lazrs is there."""
+    try:
+        import lazrs  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError:
+        return []
+    file.seek(header.offset_to_point_data)
+    return [size for _, size in lazrs.read_chunk_table(file, lazrs.LazVlr(compression.record))]
+
+
+def _size_of_layers(file: BinaryIO, start: int, point_size: int, layers: int) -> int:
+    """Bytes of the first point of a chunk, which is not compressed, of the sizes of its layers, and of these."""
+    file.seek(start + point_size + 4)
+    head = file.read(4 * layers)
+    sizes = struct.unpack(f"<{layers}I", head.ljust(4 * layers, b"\0"))
+    return point_size + 4 + 4 * layers + sum(sizes)
+
+
+def _integer(file: BinaryIO, place: int, size: int) -> int:
+    file.seek(place)
+    return int.from_bytes(file.read(size), "little", signed=size == 8)
+
+
+def _damaged(path: FilePath, problem: str) -> InputError:
+    return input_error(path, f"is truncated or damaged: {problem}", "copy or export the file again")
 
 
 def stored_coordinates(points: Any) -> NDArray[np.int32]:
