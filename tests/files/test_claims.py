@@ -1,13 +1,16 @@
 """What a header promises is compared with the bytes that are there before anything is made of it."""
 
+import contextlib
 import io
+import re
+import struct
 import zipfile
 
 import numpy as np
 import pytest
 
 import nonsac
-from io_samples import npy, npz
+from io_samples import FACES, XYZ, compressed, npy, npz, pcd_header, ply_header
 from limits import little_memory
 from nonsac.files import claims
 from nonsac.files.arrays import open_npz
@@ -103,3 +106,42 @@ def test_what_is_in_proportion_passes():
     for numbers, stored in [((8 << 20) + 1, 1), ((100 << 20) + 1, 8 << 20)]:
         with pytest.raises(InputError, match=r"a: it would take up (67.1|839) MB of memory, from (1 bytes|8.39 MB)"):
             claims.check_expansion("a", "it", numbers, stored, "save it")
+
+
+def test_headers_that_python_2_wrote(make_file):
+    body = npy((2, 3), np.ones((2, 3)).tobytes()).replace(b"(2, 3)", b"(2L,3)")
+    np.testing.assert_array_equal(read_cloud(make_file("a.npy", body)), np.ones((2, 3)))
+    np.testing.assert_array_equal(nonsac.open_source(make_file("a.npy", body)).take(np.arange(2)), np.ones((2, 3)))
+
+
+CLOUDS = {
+    "ascii.ply": ply_header("ascii", FACES, f"element vertex 2\n{XYZ}") + b"3 0 1 2\n3 0 1 2\n1 2 3\n4 5 6\n",
+    "binary.ply": ply_header("binary_little_endian", f"element vertex 2\n{XYZ}") + np.arange(6.0).tobytes(),
+    "list.ply": ply_header("binary_little_endian", f"element vertex 2\nproperty list uchar short w\n{XYZ}")
+    + 2 * (b"\0" + bytes(24)),
+    "ascii.pcd": pcd_header("ascii") + b"1 2 3\n4 5 6\n",
+    "binary.pcd": pcd_header("binary") + np.arange(6.0).tobytes(),
+    "compressed.pcd": pcd_header("binary_compressed") + compressed(np.arange(6.0).tobytes()),
+}
+COUNTS = ["-1", "4294967295", str(2**63), str(10**22), "9" * 5000, "True", "nan", "0x10", ""]
+
+
+@pytest.mark.parametrize("count", COUNTS, ids=lambda count: count[:25])
+@pytest.mark.parametrize("name", CLOUDS)
+def test_numbers_in_headers(make_file, name, count):
+    """Each number of the header in turn, but for its first line."""
+    content = CLOUDS[name]
+    assert len(read_cloud(make_file(name, content))) == 2
+    header = content[: content.index(b"end_header" if name.endswith("ply") else b"\nDATA")]
+    for number in re.finditer(rb"(?<=[A-Zx] )[0-9]+|(?<= )[0-9](?= |\n)", header):
+        damaged = content[: number.start()] + count.encode() + content[number.end() :]
+        with contextlib.suppress(InputError):
+            assert len(read_cloud(make_file(name, damaged))) <= 2
+
+
+def test_compressed_points_do_not_explode(make_file):
+    packed = b"\0a" + 90_000 * b"\xe0\xff\0"  # each of these three bytes makes 264
+    header = struct.pack("<II", len(packed), 48)
+    path = make_file("a.pcd", pcd_header("binary_compressed") + header + packed)
+    with pytest.raises(InputError, match="the compressed points are truncated or damaged"):
+        read_cloud(path)

@@ -1,6 +1,7 @@
 """Read NumPy files, and check the shape and type of arrays."""
 
 import math
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -189,7 +190,10 @@ def _check_whole(path: FilePath, header: NpyHeader, size: int) -> None:
 
 def _load(path: FilePath, load: Callable[[], Any]) -> Any:
     try:
-        return load()
+        # NumPy warns if Python 2 has written the header of an array.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return load()
     # NumPy passes on the errors of zipfile, zlib and tokenize, which share no type.
     except Exception as error:
         if "allow_pickle" in str(error):
