@@ -22,6 +22,7 @@ _MARKS = {
     b"\xff\xfe": UTF16,
     b"\xfe\xff": UTF16,
 }
+_READ_BY_LIBRARIES = ("LAS file", "Parquet file", "Arrow file", "HDF5 file")
 _USUAL_SUFFIX = {
     "NumPy array": ".npy",
     "NumPy archive": ".npz",
@@ -96,6 +97,17 @@ def check_kind(path: FilePath, kind: str) -> bytes:
         raise unreadable(path, error) from error
     _check_head(path, _not_empty(path, head), kind)
     return head
+
+
+def may_end_process(path: FilePath) -> bool:
+    """Whether a library reads the file that, if its bytes are damaged, may end the process instead of raising."""
+    try:
+        if not Path(path).is_file():
+            return Path(path).is_dir()
+        with Path(path).open("rb") as file:
+            return content_kind(file.read(_HEAD_LENGTH)) in _READ_BY_LIBRARIES
+    except (OSError, ValueError):
+        return False
 
 
 def unreadable(path: FilePath, error: OSError) -> InputError:
