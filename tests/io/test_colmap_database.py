@@ -1,4 +1,5 @@
 import os
+import re
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -8,8 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from limits import little_memory
 from match_samples import SCHEMA, fill_database
 from nonsac.io import colmap_database, read_colmap_pair, read_matches, write_two_view_geometry
+
+__all__ = ["little_memory"]
 
 
 @pytest.fixture
@@ -377,3 +381,50 @@ def test_colmap_and_we_have_it_open_at_once(pycolmap, foreign):
         write_two_view_geometry(path, "a.jpg", "b.jpg", POSE, matches)
         geometry = database.read_two_view_geometry(images["a.jpg"], images["b.jpg"])
     assert len(geometry.inlier_matches) == 20
+
+
+FOREVER = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT count(*) FROM n"
+PROGRAMS = {
+    "for ever": f"CREATE VIEW {{}} AS {FOREVER}",
+    "zeros": "CREATE VIEW {} AS SELECT *, zeroblob(2000000000) AS data FROM old",
+    "plain": "CREATE VIEW {} AS SELECT * FROM old",
+    "virtual": "CREATE VIRTUAL TABLE {} USING rtree(image_id, low, high)",
+    "generated": "CREATE TABLE {} (image_id, pair_id, rows AS (1), cols AS (2), data AS (zeroblob(1000000000)))",
+}
+
+
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize("table", ["cameras", "images", "keypoints", "matches"])
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_tables_that_are_programs(path, refused, table, program):
+    run(path, f"ALTER TABLE {table} RENAME TO old")
+    run(path, PROGRAMS[program].format(table))
+    for call in (read_colmap_pair, write):
+        assert f"'{table}' is no plain table, as COLMAP makes them" in refused(call, path, 3, 7)
+
+
+def write(path, image1, image2):
+    write_two_view_geometry(path, image1, image2, (np.eye(3), [1, 0, 0]), [[0, 0]])
+
+
+def test_what_would_never_end_is_interrupted(path, refused, monkeypatch):
+    """A program that nobody has thought of, in the place of one that is known."""
+    monkeypatch.setattr(colmap_database, "_MAKES_TABLE", re.compile(""))
+    monkeypatch.setattr(colmap_database, "_MOST_STEPS", 20)
+    run(path, "ALTER TABLE images RENAME TO old")
+    run(path, f"CREATE VIEW images AS SELECT image_id, name, ({FOREVER}) AS camera_id FROM old")
+    assert "asks for more than a database of COLMAP would (interrupted)" in refused(read_colmap_pair, path, 3, 7)
+
+
+@pytest.mark.usefixtures("little_memory")
+def test_blobs_are_no_longer_than_the_file(path, refused, monkeypatch):
+    monkeypatch.setattr(colmap_database, "_MAKES_TABLE", re.compile(""))
+    run(path, "ALTER TABLE keypoints RENAME TO old")
+    run(path, "CREATE VIEW keypoints AS SELECT image_id, 1 AS rows, 2 AS cols, zeroblob(500000000) AS data FROM old")
+    assert "asks for more than a database of COLMAP would" in refused(read_colmap_pair, path, 3, 7)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(-3, -2), (-3, 2), (2**62, 2), (2**62, 2**62), (10**18, 4)])
+def test_sizes_of_blobs_are_compared_with_their_bytes(path, refused, rows, columns):
+    run(path, "UPDATE keypoints SET rows = ?, cols = ?", rows, columns)
+    assert "the size of the keypoints of image 3 is wrong" in refused(read_colmap_pair, path, 3, 7)

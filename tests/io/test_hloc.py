@@ -1,3 +1,4 @@
+import os
 import sys
 
 import numpy as np
@@ -148,6 +149,29 @@ def test_damaged_files(features, make_matches, make_file, refused, tmp_path):
     assert "is not an HDF5 file, it looks like a text table" in refused(read_hloc, make_file("a.h5", "1"), path, A, B)
     assert "no such file" in refused(read_hloc, tmp_path / "none.h5", path, A, B)
     assert "is a folder" in refused_matches(refused, features, tmp_path)
+
+
+def test_links_and_parts_that_are_missing(tmp_path, features, make_matches, refused):
+    matches = make_matches(NEW, **FROM_A)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "more.h5").write_bytes(features.read_bytes())
+    for target, problem in [("pipe", "names pipe, which is no regular file"), ("gone.h5", "lacks the file gone.h5")]:
+        for file, name in [(features, f"{A}/keypoints"), (matches, f"{NEW}/matches0")]:
+            whole = file.read_bytes()
+            with h5py.File(file, "a") as opened:
+                del opened[name]
+                opened[name] = h5py.ExternalLink(target, "/x")
+            message = refused(lambda path: read_hloc(features, matches, A, B), file)
+            assert problem in message
+            file.write_bytes(whole)
+    with h5py.File(features, "a") as opened:
+        del opened[A]
+        opened[A] = h5py.ExternalLink("more.h5", f"/{A}")
+    assert len(read_hloc(features, matches, A, B)) == 2
+    with h5py.File(features, "a") as opened:
+        del opened[f"{B}/keypoints"]
+        opened.create_dataset(f"{B}/keypoints", (10**12, 2), "f4", chunks=(1000, 2))
+    assert "lacks rows 0 to 999 of dataset 'keypoints'" in refused(read_hloc, features, matches, A, B)
 
 
 def test_h5py_missing(make_file, refused, monkeypatch):

@@ -14,9 +14,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from nonsac.calls.registry import CALLS, Call
+from nonsac.files.content import may_end_process
 from nonsac.result import Result
 from nonsac.running.executors import Workers, parsed, width_of
-from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses
+from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses, can_spawn
 from nonsac.seeds import canonical_seed
 
 __all__ = ["Job", "WorkerDied", "estimate_many"]
@@ -118,8 +119,9 @@ def estimate_many(
         given back, so that their number does not matter.
     workers : None, int, concurrent.futures.Executor, Dask client or str
         One process for each core, this many processes, or an executor; a Dask client, "dask" or a scheduler's address
-        as for the calls. With 1, all runs in the calling process. A script that uses processes needs
-        `if __name__ == "__main__":`.
+        as for the calls. With 1, all runs in the calling process, except jobs of LAS, Parquet, Arrow and HDF5 files,
+        of which a damaged one may end the process that reads it: these run in another one, unless the script lacks the
+        following. A script that uses processes needs `if __name__ == "__main__":`.
     time_limit : float, optional
         Seconds for each job, handed on to the calls that take it: all but `register_clouds`.
     progress : callable, optional
@@ -159,8 +161,9 @@ def run_many(
     """The task's answer for each job, or the exception, in the order of the jobs."""
     with _pool(workers) as pool:
         if pool is None:
-            for job in map(_checked, jobs):
-                yield job, _settled(partial(task, job))
+            with _Apart() as apart:
+                for job in map(_checked, jobs):
+                    yield job, _settled(partial(apart.run, task, job))
             return
         for job, future in _ahead(task, map(_checked, jobs), pool):
             yield job, _settled(future.result)
@@ -179,6 +182,27 @@ def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -
     finally:
         for _, future in pending:
             future.cancel()
+
+
+class _Apart:
+    """Runs jobs in this process, except those of files whose libraries can end it: these, if it can be, in another."""
+
+    def __init__(self) -> None:
+        self._pool: WorkerProcesses | None = None
+
+    def __enter__(self) -> _Apart:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def run(self, task: Callable[[Job], Answer], job: Job) -> Answer:
+        if not any(may_end_process(path) for path in job.data if _is_path(path)) or not can_spawn((task, job)):
+            return task(job)
+        self._pool = self._pool or WorkerProcesses(1)
+        answer: Answer = self._pool.submit(task, job).result()
+        return answer
 
 
 def _settled(answer: Callable[[], Answer]) -> Answer | Exception:

@@ -27,6 +27,7 @@ _MARKS = {
     b"\xff\xfe": UTF16,
     b"\xfe\xff": UTF16,
 }
+_READ_BY_LIBRARIES = ("LAS file", "Parquet file", "Arrow file", "HDF5 file")
 _USUAL_SUFFIX = {
     "NumPy array": ".npy",
     "NumPy archive": ".npz",
@@ -141,6 +142,17 @@ def not_regular(path: FilePath, status: os.stat_result) -> InputError:
     if stat.S_ISFIFO(status.st_mode):
         fix += " (a pipe is read as text only: as -, or under a name that ends in .csv)"
     return input_error(path, "is no regular file", fix)
+
+
+def may_end_process(path: FilePath) -> bool:
+    """Whether a library reads the file that, if its bytes are damaged, may end the process instead of raising."""
+    try:
+        if not Path(path).is_file():
+            return Path(path).is_dir()
+        with Path(path).open("rb") as file:
+            return content_kind(file.read(_HEAD_LENGTH)) in _READ_BY_LIBRARIES
+    except (OSError, ValueError):
+        return False
 
 
 def unreadable(path: FilePath, error: OSError) -> InputError:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from nonsac.files.arrays import as_rows
 from nonsac.files.errors import FilePath, input_error, not_held
-from nonsac.files.hdf5 import open_hdf5
+from nonsac.files.hdf5 import Parts, open_hdf5, read_dataset
 from nonsac.io.correspondences import Matches, Points
 
 _NEEDS = ("the files of hloc", "hloc")
@@ -46,9 +46,7 @@ def read_hloc(features: FilePath, matches: FilePath, image1: str, image2: str) -
     with open_hdf5(features, *_NEEDS) as file:
         keypoints = [_read_keypoints(features, file, image) for image in (image1, image2)]
     with open_hdf5(matches, *_NEEDS) as file:
-        pair, swapped = _find_pair(matches, file, image1, image2)
-        read = _read_partners if hasattr(pair, "keys") else _read_indices
-        stored = read(matches, pair)
+        stored, swapped = _read_pair(matches, file, image1, image2)
     counts = [len(points) for points in (keypoints[::-1] if swapped else keypoints)]
     if {*stored.of_first} - {counts[0]} or (stored.indices.max(axis=0, initial=-1) >= counts).any():
         raise input_error(matches, f"does not fit the keypoints in {features}", "give those it was computed from")
@@ -69,7 +67,7 @@ class _Stored:
 def _read_partners(path: FilePath, pair: Any) -> _Stored:
     """Matches of hloc: for each keypoint of the first image, its partner or -1."""
     partners = _read(path, pair, "matches0", "i")
-    scores = _read(path, pair, "matching_scores0", "iuf") if "matching_scores0" in pair else None
+    scores = _read(path, pair, "matching_scores0", "iuf") if _is_array(path, pair, "matching_scores0") else None
     matched = np.flatnonzero(partners >= 0)
     indices = np.column_stack([matched, partners[matched]]).astype(np.int64)
     if scores is None:
@@ -78,9 +76,9 @@ def _read_partners(path: FilePath, pair: Any) -> _Stored:
     return _Stored(indices, weights, (len(partners), len(scores)))
 
 
-def _read_indices(path: FilePath, pair: Any) -> _Stored:
+def _read_indices(path: FilePath, file: Any, name: str) -> _Stored:
     """Matches of others: the two keypoints of each in a row or, of DISK itself and of IMC, in a column."""
-    array = np.asarray(pair)
+    array = read_dataset(path, file, name)
     if array.ndim == 2 and array.shape[0] == 2 and array.shape[1] != 2:
         array = array.T
     if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != 2:
@@ -92,41 +90,45 @@ def _read_indices(path: FilePath, pair: Any) -> _Stored:
 
 
 def _read_keypoints(path: FilePath, file: Any, image: str) -> Points:
-    found = _find_group(file, image, "keypoints")
-    found = _find_array(file, image) if found is None else found["keypoints"]
-    if found is None:
+    group = _find_group(path, file, image, "keypoints")
+    if group is not None:
+        return as_rows(path, read_dataset(path, group, "keypoints"), 2)
+    if not _is_plain_array(path, file, image):
         raise not_held(path, f"keypoints of image {image!r}", _names(file, "keypoints"))
-    return as_rows(path, np.asarray(found), 2)
+    return as_rows(path, read_dataset(path, file, image), 2)
 
 
-def _find_pair(path: FilePath, file: Any, image1: str, image2: str) -> tuple[Any, bool]:
-    """Return the group or array of a pair of images, and whether the pair is stored in the reverse order."""
+def _read_pair(path: FilePath, file: Any, image1: str, image2: str) -> tuple[_Stored, bool]:
+    """Return the matches of a pair of images, and whether the pair is stored in the reverse order."""
     names = [image.replace("/", "-") for image in (image1, image2)]
     # Older versions of hloc have "_" between the names.
     for separator in "/_":
         for swapped in (False, True):
-            group = _find_group(file, separator.join(reversed(names) if swapped else names), "matches0")
+            group = _find_group(path, file, separator.join(reversed(names) if swapped else names), "matches0")
             if group is not None:
-                return group, swapped
+                return _read_partners(path, group), swapped
     for separator in "/-":
         for swapped in (False, True):
             first, second = (image2, image1) if swapped else (image1, image2)
-            array = _find_array(file, f"{first}{separator}{second}")
-            if array is not None:
-                return array, swapped
+            if _is_plain_array(path, file, name := f"{first}{separator}{second}"):
+                return _read_indices(path, file, name), swapped
     raise not_held(path, f"matches of {image1!r} and {image2!r}", _names(file, "matches0"))
 
 
-def _find_group(file: Any, name: str, dataset: str) -> Any:
+def _find_group(path: FilePath, file: Any, name: str, dataset: str) -> Any:
     """Return the group of this name if there is one that holds the data set, else None."""
-    group: Any = file.get(name) if name else None
-    return group if hasattr(group, "keys") and dataset in group else None
+    group: Any = Parts(path, []).find(file, name) if name else None
+    return group if hasattr(group, "keys") and _is_array(path, group, dataset) else None
 
 
-def _find_array(file: Any, name: str) -> Any:
-    """Return the array of this name if there is one that is no part of a group of hloc, else None."""
-    array: Any = file.get(name) if name else None
-    return array if hasattr(array, "shape") and "keypoints" not in array.parent else None
+def _is_array(path: FilePath, group: Any, name: str) -> bool:
+    # The operator "in" would open whatever file a link names.
+    return bool(name) and hasattr(Parts(path, []).find(group, name), "shape")
+
+
+def _is_plain_array(path: FilePath, file: Any, name: str) -> bool:
+    """Whether there is an array of this name that is no part of a group of hloc."""
+    return _is_array(path, file, name) and _find_group(path, file, name.rpartition("/")[0], "keypoints") is None
 
 
 def _names(file: Any, dataset: str) -> list[str]:
@@ -145,7 +147,7 @@ def _names(file: Any, dataset: str) -> list[str]:
 
 
 def _read(path: FilePath, group: Any, name: str, kinds: str) -> NDArray[Any]:
-    array = np.asarray(group[name])
+    array = read_dataset(path, group, name)
     if array.ndim != 1 or array.dtype.kind not in kinds:
         problem = f"the data set {name} has the shape {array.shape} and the type {array.dtype}"
         raise input_error(path, problem, "write it with hloc: one number for every keypoint")

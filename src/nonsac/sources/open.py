@@ -222,8 +222,8 @@ def _open_archive(path: str, layout: Layout | None) -> ArraySource:
             if layout is not None:
                 parts = [as_rows(path, part, width) for part, width in zip(parts, layout.widths, strict=True)]
         elif layout is None:
-            held = {name: array for name in archive.names if (array := archive.load(name)).ndim == 2}
-            parts = [held[_the_only(path, list(held))]]
+            held = [name for name in archive.names if len(archive.shape(name)) == 2]
+            parts = [archive.load(_the_only(path, held))]
         else:
             fix = f"save it under {' or '.join('/'.join(names) for names in keys)}" if keys else "save one array (n, D)"
             parts = [archive.load_only([len(layout.names), len(layout.names) + 1], fix)]
