@@ -6,31 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from match_samples import LENSES
 from nonsac.cameras.camera import Camera
 from nonsac.cameras.models import parameter_names
 
-# With the distortion of real lenses, none of which folds over in the square |x|, |y| < 0.7.
-LENSES = {
-    "SIMPLE_PINHOLE": "SIMPLE_PINHOLE 640 480 530 342 234",
-    "PINHOLE": "PINHOLE 640 480 533 534 342 234",
-    "SIMPLE_RADIAL": "SIMPLE_RADIAL 640 480 530 342 234 -0.13",
-    "RADIAL": "RADIAL 640 480 530 342 234 -0.28 0.09",
-    "OPENCV": "OPENCV 640 480 533 534 342 234 -0.28 0.07 0.0012 -0.0023",
-    "OPENCV_FISHEYE": "OPENCV_FISHEYE 640 480 300 302 342 234 0.02 -0.015 0.004 -0.001",
-    "FULL_OPENCV": "FULL_OPENCV 640 480 533 534 342 234 0.4 0.03 0.0012 -0.0023 0.002 0.7 0.06 -0.004",
-    "FOV": "FOV 640 480 300 302 342 234 0.9",
-    "SIMPLE_RADIAL_FISHEYE": "SIMPLE_RADIAL_FISHEYE 640 480 300 342 234 -0.02",
-    "RADIAL_FISHEYE": "RADIAL_FISHEYE 640 480 300 342 234 0.03 -0.02",
-    "THIN_PRISM_FISHEYE": "THIN_PRISM_FISHEYE 640 480 300 302 342 234 "
-    "0.02 -0.015 0.001 -0.002 0.004 -0.001 0.002 -0.003",
-    "RAD_TAN_THIN_PRISM_FISHEYE": "RAD_TAN_THIN_PRISM_FISHEYE 640 480 300 302 342 234 "
-    "-0.02 0.09 -0.06 0.009 0.002 -0.0004 0.0011 -0.0007 -0.0005 0.0002 0.0009 -0.0001",
-    "SIMPLE_DIVISION": "SIMPLE_DIVISION 640 480 530 342 234 -0.13",
-    "DIVISION": "DIVISION 640 480 533 534 342 234 0.11",
-    "SIMPLE_FISHEYE": "SIMPLE_FISHEYE 640 480 300 342 234",
-    "FISHEYE": "FISHEYE 640 480 300 302 342 234",
-    "EUCM": "EUCM 640 480 300 302 342 234 0.6 1.1",
-}
 # In these rays that are further from the axis may be mapped nearer to it.
 FOLDING = (
     "SIMPLE_RADIAL",

@@ -20,6 +20,7 @@ from nonsac.cameras.lens import Complex, Lens
 from nonsac.cameras.lenses import lens_of
 from nonsac.cameras.models import checked_parameters, parameter_names
 from nonsac.cameras.parse import camera_fields
+from nonsac.cameras.unreadable import check_readable
 from nonsac.layouts import Array
 
 __all__ = ["Camera", "CameraLike"]
@@ -69,10 +70,11 @@ class Camera:
         Raises
         ------
         ValueError, TypeError
-            If it does not describe a camera of a known model.
+            If it does not describe a camera of a known model, or stands for one that could not be read from its file.
         """
         if isinstance(value, Camera):
             return value
+        check_readable(value)
         try:
             return cls(*camera_fields(value))
         except (TypeError, ValueError) as error:

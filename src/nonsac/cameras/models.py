@@ -86,7 +86,8 @@ def camera_dict(path: FilePath, model: str, width: int, height: int, params: Seq
     """
     if model not in SUPPORTED:
         problem = f"the camera has the model {model}, but nonsac knows only {', '.join(SUPPORTED)}"
-        raise input_error(path, problem, "undistort the images with COLMAP, and match them again")
+        fix = "give a camera of your own, or undistort the images with COLMAP and match them again"
+        raise input_error(path, problem, fix)
     wanted = len(_PARAMETERS[model])
     if len(params) != wanted:
         problem = f"a camera of model {model} has {wanted} parameters, not {len(params)}"
