@@ -44,7 +44,9 @@ def register_clouds(
     Parameters
     ----------
     source, target : (n, 3) and (k, 3) array
-        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped.
+        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped. Organised
+        clouds (h, w, 3), tensors, DataFrames with columns x, y and z, and clouds and meshes of Open3D, laspy, trimesh
+        and such are taken as well.
     samples, sample_size : int
         At most this many samples of this many hypothesised pairs; fewer if several samples agree early.
     workers : None, int or concurrent.futures.Executor
@@ -108,7 +110,7 @@ def register_clouds(
 
 def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:
     """The finite points as float64, and how many were dropped."""
-    array = points_argument(points, name, 3)
+    array = points_argument(points, name, 3, organised=True)
     finite = np.isfinite(array).all(axis=1)
     dropped = int(len(array) - finite.sum())
     warn_dropped(dropped, len(array), f"{name} points", stacklevel=4)

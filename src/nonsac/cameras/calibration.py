@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from nonsac.arraylike import as_array
 from nonsac.layouts import Array
 
 _FIELDS = {
@@ -59,7 +60,7 @@ def from_calibration(fields: dict[str, Any]) -> tuple[Any, ...]:
 
 def from_coefficients(K: Any, coefficients: Any) -> tuple[str, Sequence[float]]:
     """The shortest model that holds OpenCV's coefficients."""
-    matrix, given = np.asarray(K, dtype=np.float64), _numbers("distortion", coefficients)
+    matrix, given = _numbers("K", K).reshape(3, 3), _numbers("distortion", coefficients)
     if given.size not in (0, *_COUNTS):
         counts = ", ".join(map(str, _COUNTS))
         raise ValueError(f"the distortion holds {given.size} numbers; expected {counts}, in OpenCV's order")
@@ -90,6 +91,6 @@ def _numbers(name: str, value: Any) -> Array:
     if isinstance(value, Mapping):
         value = value.get("data")
     try:
-        return np.asarray([] if value is None else value, dtype=np.float64).ravel()
+        return np.asarray([] if value is None else as_array(value, name), dtype=np.float64).ravel()
     except (TypeError, ValueError):
         raise TypeError(f"{name} is {value!r}, which is not numbers") from None

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nonsac.arraylike import as_array
 from nonsac.cameras.lens import Complex, Lens
 from nonsac.cameras.lenses import lens_of
 from nonsac.cameras.models import checked_parameters, parameter_names
@@ -159,7 +160,7 @@ CameraLike = Camera | ArrayLike | str | Mapping[str, Any]
 
 
 def _as_complex(name: str, points: ArrayLike) -> Complex:
-    rows = np.asarray(points, dtype=np.float64, order="C")
+    rows = np.asarray(as_array(points, name), dtype=np.float64, order="C")
     if rows.ndim != 2 or rows.shape[1] != 2:
         raise ValueError(f"{name} has shape {rows.shape}; expected (n, 2), a row for each point")
     return rows.view(np.complex128)[:, 0]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from nonsac.arraylike import as_array
 from nonsac.cameras.calibration import calibration_of, from_calibration, from_coefficients, params_of_matrix
 from nonsac.cameras.models import parameter_names
 
@@ -28,8 +29,8 @@ def camera_fields(value: Any) -> tuple[Any, ...]:
 
 def _is_matrix_and_coefficients(value: Any) -> bool:
     try:
-        return isinstance(value, (tuple, list)) and len(value) == 2 and np.shape(value[0]) == (3, 3)
-    except ValueError:  # rows of different lengths
+        return isinstance(value, (tuple, list)) and len(value) == 2 and as_array(value[0], "K").shape == (3, 3)
+    except (TypeError, ValueError):  # no array, or rows of different lengths
         return False
 
 
@@ -75,7 +76,7 @@ def _from_object(camera: Any) -> tuple[Any, ...]:
 
 def _from_numbers(value: Any) -> tuple[Any, ...]:
     try:
-        numbers = np.asarray(value, dtype=np.float64)
+        numbers = np.asarray(as_array(value, "camera"), dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.empty(())
     if numbers.shape == (3, 3):
