@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.quiet import quiet
+
 # What libraries call the coordinates of a cloud, those that are scaled and shifted first.
 _COORDINATES = ("xyz", "points", "vertices")
 
@@ -24,10 +26,10 @@ def as_array(value: Any, name: str, expected: str = "an array of real numbers") 
         If it is no array; the message says what is expected and, as far as this is known, what to pass instead.
     """
     if type(value) is np.ndarray:
-        return value
+        return _at_most_double(value)
     _refuse_what_is_none(value, name, expected)
     try:
-        return _converted(value)
+        return _at_most_double(_converted(value))
     except (TypeError, ValueError, RuntimeError, AttributeError) as error:
         kind = ValueError if isinstance(error, ValueError) else TypeError
         what = f"{name} must be {expected}, got {type(value).__name__}"
@@ -72,6 +74,12 @@ def _converted(value: Any) -> NDArray[Any]:
     if array.dtype.kind == "V" and "float" in array.dtype.name:  # the bfloat16 of JAX
         return array.astype(np.float64)
     return array
+
+
+@quiet
+def _at_most_double(array: NDArray[Any]) -> NDArray[Any]:
+    """Numbers of more than 64 bits, which may be too large for a double, as doubles."""
+    return array.astype(np.float64) if array.dtype.kind == "f" and array.dtype.itemsize > 8 else array
 
 
 def _of_tensor(tensor: Any) -> NDArray[Any]:

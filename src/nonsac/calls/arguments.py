@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.arraylike import as_array, cloud_array, column_names
 from nonsac.layouts import Array
+from nonsac.quiet import quiet
 from nonsac.result import Result
 from nonsac.sources.contract import Source
 
@@ -98,6 +99,7 @@ def _rows_of_points(array: NDArray[Any], name: str, width: int) -> NDArray[Any]:
     raise ValueError(f"{expected}, got shape {array.shape}")
 
 
+@quiet
 def weights_argument(weights: ArrayLike | None, rows: int) -> Array | None:
     """Weights (n,) of matches, or None if there are none or all are equal."""
     if weights is None:
