@@ -50,7 +50,7 @@ OPTIONS = {
     "absolute-pose": ROWS | {"--image", "--camera", "--photo"},
     "plan": {"--problem", "--columns", "--dataset", "--samples", "--sample-size", "--json", "--help"},
     "demo": {"--picture", "--seed", "--workers", "--save-scans", "--json", "--quiet", "--help"},
-    "batch": {"--output", "--call", "--workers", "--time-limit", "--resume", "--quiet", "--help"},
+    "batch": {"--output", "--call", "--workers", "--time-limit", "--resume", "--overwrite", "--quiet", "--help"},
     "simulate": {"--outlier-ratio", "--noise", "--output", "--seed", "--dtype", "--row-group", "--truth", "--quiet"}
     | {"--help"},
     "warmup": {"--help"},

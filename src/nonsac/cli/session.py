@@ -46,8 +46,8 @@ def progress_bar(quiet: bool, unit: str) -> Iterator[Progress]:
     if quiet or not sys.stderr.isatty():
         yield lambda done, total: None
         return
-    from rich.console import Console
     from rich import progress as parts
+    from rich.console import Console
 
     numbers = parts.MofNCompleteColumn(), parts.TimeElapsedColumn()
     columns = parts.TextColumn(unit), parts.BarColumn(), *numbers, parts.TimeRemainingColumn(), parts.TextColumn("left")
