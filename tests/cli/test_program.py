@@ -228,6 +228,11 @@ def test_told_to_end_it_leaves_nothing_behind(folder):
     assert list(folder.iterdir()) == []
 
 
+def test_a_link_to_an_input_is_no_output(pairs, refused):
+    os.link("pairs.npz", "T.txt")
+    assert "T.txt is already used for PAIRS" in refused("register-pairs", "pairs.npz", "--output", "T.txt")
+
+
 def test_other_misuse(folder, refused):
     assert "No such command 'register'" in refused("register")
     assert "Missing argument" in refused("register-clouds")
