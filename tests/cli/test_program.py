@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from functools import partial
@@ -218,12 +219,13 @@ sys.exit(cli.main("simulate registration -n 9 --outlier-ratio 0 --noise 0 --outp
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
-def test_told_to_end_it_leaves_nothing_behind(folder):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_told_to_end_it_leaves_nothing_behind(folder, number):
     with subprocess.Popen([sys.executable, "-c", SLOW], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"at work\n"
         assert len(list(folder.iterdir())) == 1
-        process.terminate()
-        assert process.wait(60) == 143
+        process.send_signal(number)
+        assert process.wait(60) == 128 + number
         assert process.stderr.read() == b"nonsac: told to end\n"
     assert list(folder.iterdir()) == []
 

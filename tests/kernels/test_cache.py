@@ -87,6 +87,24 @@ def test_a_folder_that_cannot_be_written(tmp_path):
     assert err.count("\n") <= 1
 
 
+def test_kernels_are_read_where_they_cannot_be_written(monkeypatch, caplog):
+    monkeypatch.setattr(_cache, "_told", set())
+
+    def function(x):
+        return x * 3
+
+    kernel(function)(2)
+
+    def no_file(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", no_file)  # how numba tries whether it may write
+    again = kernel(function)
+    assert again(2) == 6
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert caplog.text == ""
+
+
 def test_a_full_disk(monkeypatch, caplog):
     monkeypatch.setattr(_cache, "_told", set())
 

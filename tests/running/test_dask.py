@@ -6,7 +6,7 @@ import signal
 import socket
 import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -112,6 +112,17 @@ def test_a_cluster_without_workers_does_not_hang(rng, monkeypatch):
     ):
         result = registered(rows, client, samples=3)
     same(result, registered(rows, 1, samples=3))
+
+
+def test_many_jobs_on_a_cluster_without_workers_do_not_hang(rng, monkeypatch):
+    monkeypatch.setattr("nonsac.running.dask.PATIENCE", 0.1)
+    points = rng.random((60, 3))
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty,
+        distributed.Client(empty) as client,
+        pytest.raises(BrokenExecutor, match="the Dask cluster has no workers left"),
+    ):
+        list(nonsac.estimate_many([nonsac.Job("register_pairs", points, points)], workers=client))
 
 
 def test_no_scheduler_is_said_at_once(monkeypatch):

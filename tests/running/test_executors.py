@@ -12,7 +12,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from nonsac.running.executors import _waited_for, ordered_map, parsed
+from nonsac.running.executors import ordered_map, parsed, waited_for
 
 
 def square(i):
@@ -208,13 +208,13 @@ class EndsAsTheWaitDoes(Future):
 def test_a_task_that_ends_as_the_patience_does_is_no_error():
     pool = ThreadPoolExecutor(1)
     pool._client = None
-    assert _waited_for(finished(1), pool) == 1
+    assert waited_for(finished(1), pool) == 1
     pool._client = object()
-    assert _waited_for(EndsAsTheWaitDoes(), pool) == 7
+    assert waited_for(EndsAsTheWaitDoes(), pool) == 7
     own = Future()
     own.set_exception(TimeoutError("the task's own"))
     with pytest.raises(TimeoutError, match="the task's own"):
-        _waited_for(own, pool)
+        waited_for(own, pool)
     pool.shutdown()
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from nonsac.calls.registry import CALLS, Call
 from nonsac.result import Result
-from nonsac.running.executors import Workers, parsed, width_of
+from nonsac.running.executors import Workers, parsed, waited_for, width_of
 from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses
 from nonsac.seeds import canonical_seed
 
@@ -163,7 +163,7 @@ def run_many(
                 yield job, _settled(partial(task, job))
             return
         for job, future in _ahead(task, map(_checked, jobs), pool):
-            yield job, _settled(future.result)
+            yield job, _settled(partial(waited_for, future, pool))
 
 
 def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -> Iterator[tuple[Job, Future[Answer]]]:

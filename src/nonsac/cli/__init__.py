@@ -21,7 +21,7 @@ from nonsac.cli.registration import demo, register_clouds, register_pairs
 from nonsac.cli.reproduce import section5, table2, table4
 from nonsac.cli.simulate import simulate
 from nonsac.cli.streams import unbroken_streams
-from nonsac.cli.termination import TERMINATED, Terminated, termination_raised
+from nonsac.cli.termination import Terminated, termination_raised
 from nonsac.cli.warmup import warmup
 
 # Click's own type, which newer versions of typer carry inside themselves.
@@ -62,9 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with unbroken_streams(), termination_raised():
         try:
             return _run(words)
-        except Terminated:
+        except Terminated as signal:
             to_stderr("told to end")
-            return TERMINATED
+            return signal.exit_code
         except Exception as error:
             if debug:
                 traceback.print_exc()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, NullCache
 
 _logger = logging.getLogger("nonsac")
 _told: set[str] = set()
@@ -20,19 +20,29 @@ def cache_of(function: Callable[..., Any]) -> Any:
     """The cache of a kernel; one that keeps nothing if there is no folder that can be written."""
     try:
         return _Cache(function)
-    except RuntimeError:
-        _tell(
-            "there is no folder to keep compiled kernels in, so that each run compiles them for about a minute; "
-            "set NUMBA_CACHE_DIR to a folder that can be written"
-        )
-        return NullCache()
-    except OSError as error:
+    except (RuntimeError, OSError) as error:
         _tell_not_kept(error)
         return NullCache()
 
 
+def _read_only(locator: Any) -> Any:
+    """A place that need not be writable: kernels may have been compiled there by somebody who may write."""
+    return type(f"_ReadOnly{locator.__name__}", (locator,), {"ensure_cache_path": lambda self: None})
+
+
+class _Places(CompileResultCacheImpl):
+    """Where numba keeps kernels; else where they can at least be read: in the given folder, or beside the source."""
+
+    _locator_classes: Any = (
+        *CompileResultCacheImpl._locator_classes,
+        *map(_read_only, CompileResultCacheImpl._locator_classes[:2]),
+    )
+
+
 class _Cache(FunctionCache):
     """Kernels of a damaged cache are compiled again, and replace what is damaged."""
+
+    _impl_class = _Places
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -89,8 +99,13 @@ def _checked(data: bytes) -> bytes:
 
 
 def _tell_not_kept(error: Exception) -> None:
-    reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    _tell(f"compiled kernels cannot be kept ({reason}); set NUMBA_CACHE_DIR to a folder that can be written")
+    reason = error.strerror if isinstance(error, OSError) else None
+    if isinstance(error, (RuntimeError, FileNotFoundError, PermissionError)) or reason is None:
+        reason = "there is no folder for them that can be written"
+    _tell(
+        f"compiled kernels cannot be kept ({reason}), so that each run compiles them for about a minute; "
+        "set NUMBA_CACHE_DIR to a folder that can be written"
+    )
 
 
 def _tell(message: str) -> None:

@@ -108,7 +108,7 @@ def _ahead(
                 while submitted < count and len(pending) < 2 * width:
                     pending.append(pool.submit(pack(submitted), submitted))
                     submitted += 1
-                outcome = _waited_for(pending.popleft(), pool)
+                outcome = waited_for(pending.popleft(), pool)
             except (BrokenExecutor, CancelledError) as error:
                 reason = " ".join(str(error).split()) or "they were cancelled"
                 warnings.warn(f"the workers are lost ({reason}); the rest is done in this process", stacklevel=2)
@@ -123,7 +123,7 @@ def _ahead(
             yield from _ahead(pack, done, count, threads, cores())
 
 
-def _waited_for(future: Future[Outcome], pool: Executor) -> Outcome:
+def waited_for(future: Future[Outcome], pool: Executor) -> Outcome:
     """What a task gives; a Dask cluster without workers would wait for new ones for ever."""
     client = dask.client_of(pool)
     if client is None:
