@@ -61,6 +61,7 @@ class Remark(StrEnum):
     NOISE_SMALLER = "noise is smaller than given"
     NOT_FITTED_TO_ALL = "not fitted to all rows"
     ESTIMATOR_FAILED = "the estimator failed in some samples"
+    SIZES_DIFFER = "the clouds differ in size"
 
     @property
     def explanation(self) -> str:
@@ -79,6 +80,7 @@ _REMARKS = {
     Remark.NOISE_SMALLER: "the inliers show less noise than was given, by a factor of three or more",
     Remark.NOT_FITTED_TO_ALL: "the answer is the one fitted to some rows",
     Remark.ESTIMATOR_FAILED: "the core estimator raised an exception; these samples count as empty",
+    Remark.SIZES_DIFFER: "one cloud is at least three times as large as the other, and no scale is estimated",
 }
 
 

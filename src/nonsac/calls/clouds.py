@@ -63,7 +63,8 @@ def register_clouds(
     Result
         `T` maps the source into the target's frame. `num_inliers` of `num_rows` thinned points of both clouds lie in
         the other's surface. `status` is `AMBIGUOUS` if a clearly different answer does nearly as well (see
-        `alternatives`), `LOW_SUPPORT` if too little of the clouds coincides.
+        `alternatives`), `LOW_SUPPORT` if too little of the clouds coincides; then `info["remarks"]` says if they are of
+        very different sizes, as in different units.
 
     Raises
     ------
@@ -112,7 +113,16 @@ def _registered(a: Array, b: Array, problem: OrientedRegistration, settings: Set
     if not result.success:  # harder than it looked: all samples, and twice the candidates in each
         result = run(pairs, problem, estimator.with_budget(2), settings)
         seconds |= {stage: seconds[stage] + again for stage, again in result.info["seconds"].items()}
-    return frame.restore(replace(result, info=result.info | info | {"seconds": seconds}))
+    result = replace(result, info=result.info | info | {"seconds": seconds})
+    return frame.restore(result if result.success else _with_remarks(result, frame.remarks()))
+
+
+def _with_remarks(result: Result, remarks: tuple[str, ...]) -> Result:
+    """An answer to clouds that are sound, but seem to be in different units."""
+    if not remarks:
+        return result
+    status = Status.LOW_SUPPORT if result.status is Status.DEGENERATE else result.status
+    return replace(result, status=status, info=result.info | {"remarks": (*result.remarks, *remarks)})
 
 
 def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:

@@ -17,7 +17,7 @@ from nonsac.calls.registry import CALLS, Call
 from nonsac.cameras.unreadable import chosen_cameras
 from nonsac.files.content import may_end_process
 from nonsac.result import Result
-from nonsac.running.executors import Workers, parsed, width_of
+from nonsac.running.executors import Workers, parsed, waited_for, width_of
 from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses, can_spawn
 from nonsac.seeds import canonical_seed
 
@@ -167,7 +167,7 @@ def run_many(
                     yield job, _settled(partial(apart.run, task, job))
             return
         for job, future in _ahead(task, map(_checked, jobs), pool):
-            yield job, _settled(future.result)
+            yield job, _settled(partial(waited_for, future, pool))
 
 
 def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -> Iterator[tuple[Job, Future[Answer]]]:

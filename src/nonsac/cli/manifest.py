@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from nonsac.calls.jobs import Job
 
 _SUFFIXES = (".csv", ".jsonl")
+_ONE_OBJECT = "write one object of names, and strings or numbers, in a line"
 
 
 def columns_of(call: Call) -> tuple[str, ...]:
@@ -101,10 +102,12 @@ def _json_rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
                 continue
             try:
                 row = json.loads(text)
+            except RecursionError:
+                raise ValueError(f"{path}, line {line}: is nested too deeply; {_ONE_OBJECT}") from None
             except ValueError as error:
                 raise ValueError(f"{path}, line {line}: is no JSON ({error})") from error
             if not isinstance(row, dict) or any(isinstance(cell, (dict, list, bool)) for cell in row.values()):
-                raise ValueError(f"{path}, line {line}: write one object of names, and strings or numbers, in a line")
+                raise ValueError(f"{path}, line {line}: {_ONE_OBJECT}")
             yield line, {name: "" if cell is None else str(cell) for name, cell in row.items()}
 
 
