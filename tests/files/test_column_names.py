@@ -43,7 +43,7 @@ def test_coordinates(names, places):
     ("layout", "names", "places"),
     [
         (MATCHES, "x2 y2 x1 y1", [2, 3, 0, 1]),
-        (MATCHES, "id u1 v1 u2 v2", [1, 2, 3, 4]),
+        (MATCHES, "id u1 v1 u2 v2", [None] * 4),
         (MATCHES, "x_2 y_2 x_1 y_1", [2, 3, 0, 1]),
         (MATCHES, "x0 y0 x1 y1", [0, 1, 2, 3]),
         (MATCHES, "x0 y0 x1 y1 x2 y2", [2, 3, 4, 5]),

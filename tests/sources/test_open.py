@@ -267,7 +267,7 @@ def test_a_file_that_names_its_columns_must_have_them_all(tmp_path, refused, kin
 @pytest.mark.parametrize(
     ("layout", "names"),
     [
-        (MATCHES, ("u1", "v1", "u2", "v2")),
+        (MATCHES, ("x0", "y0", "x1", "y1")),
         (MATCHES, ("x1 [px]", "y1 [px]", "x2 [px]", "y2 [px]")),
         (MATCHES, ("x_1", "y_1", "x_2", "y_2")),
         (POINTS, ("x", "y", "X", "Y", "Z")),
@@ -287,6 +287,10 @@ def test_columns_are_found_by_usual_names(tmp_path, kind, layout, names):
     ("names", "message"),
     [
         (("id", "x [m]", "y [m]", "z [m]"), r"\(id x \[m\] y \[m\] z \[m\]\), of which none is called x1 y1 x2 y2"),
+        (
+            ("id", "u1", "v1", "u2", "v2"),
+            r"\(id u1 v1 u2 v2\), of which none is called x1 y1 x2 y2; rename the columns, or ch",
+        ),
         (
             ("GPSTime", "Easting", "Northing", "Height"),
             "of which none is called x1 y1 x2 y2; rename the columns, or ch",

@@ -25,7 +25,7 @@ _POINT = (
 )
 _USUAL = {
     "x y z": _POINT,
-    "x1 y1 x2 y2": ("u1 v1 u2 v2", "x0 y0 x1 y1", "u0 v0 u1 v1", "x y x' y'", "u v u' v'"),
+    "x1 y1 x2 y2": ("x0 y0 x1 y1", "x y x' y'"),
     "u v X Y Z": ("x y X Y Z", "x2d y2d x3d y3d z3d", *(f"u v {point}" for point in _POINT)),
     "x1 y1 z1 x2 y2 z2": (
         "x0 y0 z0 x1 y1 z1",
