@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.layouts import Array, Rows
+from nonsac.quiet import quiet
 
 VERSION = version("nonsac")
 
@@ -63,6 +64,7 @@ class Remark(StrEnum):
     COPIES = "rows are equal to others"
     MIRRORED = "mirrored"
     OTHER_IMAGE = "points do not lie about the image of the camera"
+    SIZES_DIFFER = "the clouds differ in size"
 
     @property
     def explanation(self) -> str:
@@ -84,6 +86,7 @@ _REMARKS = {
     Remark.COPIES: "rows equal to more than three others count once, as padding and missing measurements should",
     Remark.MIRRORED: "one image looks like a mirror image of the other, or its x and y are exchanged",
     Remark.OTHER_IMAGE: "was an image resized, are x and y exchanged, or is it another camera's",
+    Remark.SIZES_DIFFER: "one cloud is at least three times as large as the other, and no scale is estimated",
 }
 
 
@@ -175,10 +178,14 @@ class Evidence:
     def residuals(self, model: Array) -> Iterator[Array]:
         """Of every row of the source, in its order, some at a time: (k,) each; NaN for rows that are not finite."""
         for rows in self.source.chunks(_CHUNK):
-            finite = np.isfinite(rows).all(axis=1)
-            residuals = np.full(len(rows), np.nan)
-            residuals[finite] = self.problem.residuals(model[None], rows[finite, : self.problem.width])[0]
-            yield residuals
+            yield self._residuals_of(rows, model)
+
+    @quiet
+    def _residuals_of(self, rows: Array, model: Array) -> Array:
+        finite = np.isfinite(rows).all(axis=1)
+        residuals = np.full(len(rows), np.nan)
+        residuals[finite] = self.problem.residuals(model[None], rows[finite, : self.problem.width])[0]
+        return residuals
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Registration of raw clouds: the public call, its parts, and its verdict."""
 
 import json
+import re
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
@@ -51,6 +52,28 @@ class TestRegisterClouds:
         np.testing.assert_allclose(scaled.t / unit, plain.t, atol=1e-3)
         assert scaled.noise / unit == pytest.approx(plain.noise, rel=0.1)
         assert scaled.status is plain.status
+
+    @pytest.mark.parametrize("factor", [1000.0, 25.4, 1e-6])
+    def test_different_units_are_told(self, scans, factor):
+        source, target, _ = scans
+        result = nonsac.register_clouds(factor * source, target, samples=4)
+        assert not result.success
+        assert result.status is not Status.DEGENERATE
+        (remark,) = result.remarks
+        larger, times, smaller = re.fullmatch(
+            r"the clouds differ in size: the (\w+) is about ([0-9,]+) times as large as the (\w+), and no scale is "
+            r"estimated; are the units the same\?",
+            remark,
+        ).groups()
+        assert (larger, smaller) == (("source", "target") if factor > 1 else ("target", "source"))
+        assert float(times.replace(",", "")) == pytest.approx(max(factor, 1 / factor), rel=0.2)
+
+    def test_a_part_of_a_large_scene_is_no_other_unit(self, scans, rng):
+        source, target, T = scans
+        scene = np.vstack([target, move(bumpy(4000, rng) * 4 + [9, 0, 0], T)])
+        result = nonsac.register_clouds(source, scene)
+        assert_right(result, T)
+        assert result.remarks == ()
 
     def test_survey_coordinates_keep_their_digits(self, scans):
         source, target, _ = scans

@@ -152,6 +152,60 @@ def test_a_worker_that_dies_costs_its_own_job_after_a_second_try(tmp_path):
     assert "ended with exit code 3, twice" in str(outcomes["d"])
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("kind", ["parquet", "h5", "laz"])
+def test_a_file_that_ends_the_process_costs_its_own_job(tmp_path, workers, kind):
+    """Even if all runs in this process, which the test would end with."""
+    path, rows = tmp_path / f"rows.{kind}", np.hstack([PAIRS.source, PAIRS.target])
+    data = (path,)
+    if kind == "parquet":
+        path.write_bytes(pairs_in_parquet())
+    elif kind == "h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            file["rows"] = rows
+    else:
+        clouds(path, PAIRS.source), clouds(tmp_path / "other.laz", PAIRS.target)
+        data = (path, tmp_path / "other.laz")
+    np.save(tmp_path / "rows.npy", rows)
+    settings = {"noise": 0.01, "samples": 2}
+    jobs = [
+        Job("register_pairs", *data, estimator=Trouble("exit"), **settings),
+        Job("register_pairs", *data, **settings),
+    ]
+    jobs.append(Job("register_pairs", tmp_path / "rows.npy", **settings))
+    (_, first), (_, second), (_, third) = estimate_many(jobs, workers=workers)
+    assert isinstance(first, WorkerDied)
+    assert str(first) == "its worker process ended with exit code 3, twice"
+    assert second.success
+    assert facts(third) == facts(direct(job("a")))
+
+
+def pairs_in_parquet():
+    rows = np.hstack([PAIRS.source, PAIRS.target])
+    return parquet(**dict(zip(("x1", "y1", "z1", "x2", "y2", "z2"), rows.T, strict=True)))
+
+
+def clouds(path, points):
+    laspy = pytest.importorskip("laspy")
+    pytest.importorskip("lazrs")
+    data = laspy.create(point_format=0, file_version="1.2")
+    data.header.scales = [1e-6, 1e-6, 1e-6]
+    data.x, data.y, data.z = points.T
+    data.write(path)
+
+
+def test_a_script_without_a_guard_does_not_run_anew(tmp_path):
+    (tmp_path / "rows.parquet").write_bytes(pairs_in_parquet())
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import nonsac\nprint('started')\n"
+        "job = nonsac.Job('register_pairs', 'rows.parquet', noise=0.01, samples=2)\n"
+        "for _, result in nonsac.estimate_many([job], workers=1):\n    print(result.success)\n"
+    )
+    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert (done.stdout, done.returncode) == ("started\nTrue\n", 0), done.stderr
+
+
 class Counted:
     """A generator of jobs that tells how many were taken."""
 

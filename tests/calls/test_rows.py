@@ -105,11 +105,12 @@ def test_columns_that_have_names_are_found_by_them_or_refused(names, missing):
     held = (
         f"rows of {len(names)} columns ({' '.join(names)}), of which none is called {missing}; rename the columns, or"
     )
-    assert str(caught.value) == f"{held} choose them, by name or position, in the order of x1 y1 x2 y2"
+    way_out = "choose them, by name or position (columns=, --columns), in the order of x1 y1 x2 y2"
+    assert str(caught.value) == f"{held} {way_out}"
 
 
 def test_a_name_that_two_columns_have_in_other_case_is_nobodys():
-    with pytest.raises(ValueError, match="of which none is called X; rename"):
+    with pytest.raises(ValueError, match=r"where several columns could be X \(x, x\); rename"):
         arranged(ArraySource(np.zeros((9, 3)), ("u", "x", "x")), nonsac.Layout("u X"))
 
 

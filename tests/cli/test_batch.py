@@ -73,7 +73,7 @@ def test_all_trusted_is_exit_0_and_quiet_says_nothing(run, folder):
     code, out, err = run(*arguments, "--quiet")
     assert (code, out, said(err)) == (0, "", [])
     assert [line["name"] for line in results()] == ["1", "2"]
-    code, out, err = run(*arguments)
+    code, out, err = run(*arguments, "--overwrite")
     assert said(err) == ["nonsac: 2 pairs: 2 trusted, 0 not trusted, 0 failed; wrote out.jsonl"]
 
 
@@ -235,8 +235,39 @@ def test_other_misuse(refused, folder, four):
     out = ("--output", "out.jsonl")
     assert "line 2: is no JSON" in refused("batch", "pairs.jsonl", "--call", "register-pairs", *out)
     assert "is the manifest" in refused("batch", "pairs.jsonl", "--output", "./pairs.jsonl")
+    Path("pairs.jsonl").write_text('{"pairs": ' + "[" * 100_000 + "\n")
+    assert "line 1: is nested too deeply" in refused("batch", "pairs.jsonl", "--call", "register-pairs", *out)
     Path("pairs.jsonl").write_text('{"pairs": ["a.npy"]}\n')
     assert "line 1: write one object" in refused("batch", "pairs.jsonl", "--call", "register-pairs", *out)
+
+
+def test_a_pair_that_fails_is_said_at_once(run, four):
+    for quiet in ((), ("--quiet",)):
+        _, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1", "--overwrite", *quiet)
+        assert said(err)[0] == "nonsac: pair 2: failed: 2.npy: no such file; check the path"
+
+
+def test_what_is_complete_is_not_replaced_unasked(run, refused, four):
+    arguments = ("batch", four, "--output", "out.jsonl", "--workers", "1")
+    assert run(*arguments)[0] == 1
+    before = Path("out.jsonl").read_bytes()
+    assert "'--output': out.jsonl is there already; --overwrite replaces it" in refused(*arguments)
+    Path("out.jsonl").write_text("another")
+    assert run(*arguments, "--overwrite")[0] == 1
+    assert Path("out.jsonl").read_bytes() == before
+
+
+def test_a_link_to_an_input_is_an_input(refused, four):
+    os.link("1.npy", "data.jsonl")
+    os.link(four, "manifest.jsonl")
+    os.symlink("0.npy", "soft.jsonl")
+    overwrite = ("--workers", "1", "--overwrite")
+    for name, what in (
+        ("data.jsonl", "is read for the pair 'pair 1'"),
+        ("manifest.jsonl", "is the manifest"),
+        ("soft.jsonl", "is read for the pair 'pair 0'"),
+    ):
+        assert f"{name} {what}" in refused("batch", four, "--output", name, *overwrite)
 
 
 # --- runs that are stopped -----------------------------------------------------------------
@@ -309,7 +340,8 @@ def test_a_full_disk_is_told_and_the_run_goes_on_later(run, four, folder, monkey
         patch.setattr(journal, "_opened", lambda *path: Full(opened(*path)))
         code, out, err = run(*arguments)
     assert (code, out) == (2, "")
-    kept, full = said(err)
+    failed, kept, full = said(err)
+    assert failed == "nonsac: pair 2: failed: 2.npy: no such file; check the path"
     assert kept == "nonsac: 2 of 4 pairs are kept in out.jsonl.partial; --resume goes on there"
     problem = "cannot be written (No space left on device); make room, then go on with resume (--resume)"
     assert full == f"nonsac: out.jsonl.partial: {problem}"
@@ -359,6 +391,24 @@ def test_ctrl_c_keeps_what_is_done(interrupted):
         "nonsac: interrupted",
     ]
     assert lines_in(Path("out.jsonl.partial")) == 3
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_flipped_digit_does_not_get_into_the_output(run, four, interrupted, number):
+    """The damaged record is dropped, and its pair done again; the others are kept."""
+    path = Path("out.jsonl.partial")
+    lines = path.read_bytes().splitlines(keepends=True)
+    place = lines[1 + number].index(b'"T": [[') + 10
+    lines[1 + number] = (
+        lines[1 + number][:place] + bytes([lines[1 + number][place] ^ 1]) + lines[1 + number][place + 1 :]
+    )
+    path.write_bytes(b"".join(lines))
+    code, _, err = run("batch", four, "--output", "out.jsonl", "--workers", "1", "--resume")
+    assert code == 1
+    told = "nonsac: warning: 1 of the pairs in out.jsonl.partial are damaged; what is missing is done again"
+    assert said(err)[0] == told
+    run("batch", four, "--output", "whole.jsonl", "--workers", "1")
+    assert Path("out.jsonl").read_bytes() == Path("whole.jsonl").read_bytes()
 
 
 def test_what_is_left_of_another_run_is_refused(run, four, interrupted):

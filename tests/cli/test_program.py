@@ -1,15 +1,19 @@
 """The program as a whole: help, version, compiling, progress, misuse."""
 
+import os
 import re
+import signal
 import subprocess
 import sys
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import nonsac
 from cli_samples import said, subprocess_nonsac
+from nonsac import cli, simulate
 from nonsac.calls import poses
 from nonsac.cli.session import compiling_noted, progress_bar
 
@@ -47,7 +51,7 @@ OPTIONS = {
     "absolute-pose": ROWS | {"--image", "--camera", "--photo"},
     "plan": {"--problem", "--columns", "--dataset", "--samples", "--sample-size", "--json", "--help"},
     "demo": {"--picture", "--seed", "--workers", "--save-scans", "--json", "--quiet", "--help"},
-    "batch": {"--output", "--call", "--workers", "--time-limit", "--resume", "--quiet", "--help"},
+    "batch": {"--output", "--call", "--workers", "--time-limit", "--resume", "--overwrite", "--quiet", "--help"},
     "simulate": {"--outlier-ratio", "--noise", "--output", "--seed", "--dtype", "--row-group", "--truth", "--quiet"}
     | {"--help"},
     "warmup": {"--help"},
@@ -116,6 +120,119 @@ def test_progress_only_on_a_terminal(monkeypatch, capsys):
     captured = capsys.readouterr()
     assert "samples" in captured.err
     assert captured.out == ""
+
+
+def test_progress_tells_how_long_it_takes(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress_bar(quiet=False, unit="samples") as progress:
+        progress(1, 2)
+    assert "left" in capsys.readouterr().err
+
+
+def test_the_short_option_of_help(run):
+    for command in ([], ["register-pairs"], ["reproduce", "table2"]):
+        assert run(*command, "-h") == run(*command, "--help")
+
+
+def test_shells_can_complete():
+    words = {"_NONSAC_COMPLETE": "complete_bash", "COMP_WORDS": "nonsac register-", "COMP_CWORD": "1"}
+    done = subprocess_nonsac(env=os.environ | words)
+    assert done.stdout.split() == ["register-clouds", "register-pairs"]
+
+
+class Unforeseen(Exception):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (Unforeseen("what"), "nonsac: unexpected error: Unforeseen: what"),
+        (MemoryError("Unable to allocate 3 TiB"), "nonsac: not enough memory (Unable to allocate 3 TiB)"),
+    ],
+)
+def test_an_unexpected_error_has_an_exit_code_of_its_own(folder, monkeypatch, capsys, error, said):
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr("nonsac.simulate.to_file", fails)
+    arguments = ["simulate", "registration", "-n", "10", "--outlier-ratio", "0", "--noise", "0", "--output", "a.npy"]
+    assert cli.main(arguments) == 3
+    assert capsys.readouterr().err == f"{said} (--debug shows where)\n"
+    for debugged in ([*arguments, "--debug"], ["--debug", *arguments]):
+        assert cli.main(debugged) == 3
+        err = capsys.readouterr().err
+        assert err.startswith("Traceback")
+        assert err.endswith(f"{said}\n")
+
+
+@pytest.fixture
+def pairs(folder):
+    pairs = simulate.registration(500, 0.5, 0.01, 0)
+    np.savez("pairs.npz", source=pairs.source, target=pairs.target)
+
+
+REGISTER = "register-pairs pairs.npz --output T.txt --save-inliers i.npy"
+
+
+@pytest.mark.parametrize("command", ["--help", REGISTER, f"{REGISTER} --json"])
+def test_a_reader_that_leaves_changes_nothing(pairs, folder, command):
+    """Neither the exit code nor the files."""
+    script = f"set -o pipefail; {sys.executable} -m nonsac {command} | true"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, said(done.stderr)) == (0, [])
+    written = {path.name for path in folder.iterdir()} - {"pairs.npz"}
+    assert written == (set() if command == "--help" else {"T.txt", "i.npy"})
+
+
+def test_quiet_is_quiet(pairs, run):
+    assert "wrote T.txt" in run(*REGISTER.split())[1]
+    code, out, err = run(*REGISTER.split(), "--quiet")
+    assert (code, err) == (0, "")
+    assert "wrote" not in out
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
+def test_a_full_disk_behind_stdout_is_told():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "nonsac", "--version"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (2, "nonsac: [Errno 28] No space left on device\n")
+
+
+SLOW = """
+import sys, threading
+from nonsac import cli, simulate
+from nonsac.files.atomic import write_atomically
+
+def write(path, *_, **__):
+    def writer(temporary):
+        temporary.write_bytes(b"half")
+        print("at work", flush=True)
+        threading.Event().wait(60)
+    write_atomically(path, writer)
+
+simulate.to_file = write
+sys.exit(cli.main("simulate registration -n 9 --outlier-ratio 0 --noise 0 --output a.npy".split()))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_told_to_end_it_leaves_nothing_behind(folder, number):
+    with subprocess.Popen([sys.executable, "-c", SLOW], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"at work\n"
+        assert len(list(folder.iterdir())) == 1
+        process.send_signal(number)
+        assert process.wait(60) == 128 + number
+        assert process.stderr.read() == b"nonsac: told to end\n"
+    assert list(folder.iterdir()) == []
+
+
+def test_a_link_to_an_input_is_no_output(pairs, refused):
+    os.link("pairs.npz", "T.txt")
+    assert "T.txt is already used for PAIRS" in refused("register-pairs", "pairs.npz", "--output", "T.txt")
 
 
 def test_other_misuse(folder, refused):

@@ -1,13 +1,14 @@
 """Tables that are read in pieces: `plan`, and the other commands on Parquet, Arrow and the like."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import nonsac
-from cli_samples import FIRST, SECOND, scene, two_views, write_table
+from cli_samples import FIRST, SECOND, scene, subprocess_nonsac, two_views, write_table
 from nonsac import plot, simulate
 from nonsac.cli import run as flow
 
@@ -239,7 +240,7 @@ def test_what_cannot_be_used(folder, views, refused):
     for arguments, message in (
         (
             ["rows.arrow"],
-            f"rows.arrow: rows of 6 columns {unfit}; rename the columns, or choose them, by name or position, in",
+            f"rows.arrow: rows of 6 columns {unfit}; rename the columns, or choose them, by name or position (columns=",
         ),
         (["six.npy"], "six.npy: rows of 6 columns, not of 4 (x1 y1 x2 y2), or 5 with a weight; choose columns"),
         (["across.npy"], "across.npy: rows of 400 columns, not of 4 (x1 y1 x2 y2), or 5 with a weight; transpose it"),
@@ -308,3 +309,27 @@ def test_plans_that_cannot_be_made(folder, views, refused):
     assert "none: no such file" in refused("plan", "none")
     assert "'--samples'" in refused("plan", "rows", "--samples", 0)
     assert "'--problem'" in refused("plan", "rows", "--problem", "line")
+
+
+@pytest.mark.parametrize("name", ["-", "/dev/stdin"])
+def test_a_table_from_standard_input(folder, views, name):
+    write_table("rows.csv", views.rows[:, [2, 3, 0, 1]], "x1 y1 x0 y0")
+    done = subprocess_nonsac("relative-pose", name, *CAMERAS, "--json", input=Path("rows.csv").read_text())
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(json.loads(done.stdout)["T"], views.solved().T)
+    done = subprocess_nonsac("relative-pose", name, *CAMERAS, input="1 2\x00")
+    assert done.returncode == 2
+    assert f"nonsac: {name}: is not a text table, it looks like an unknown binary file" in done.stderr
+
+
+def test_a_manifest_is_a_regular_file(folder, refused):
+    Path("pairs.csv").symlink_to("/dev/zero")
+    message = refused("batch", "pairs.csv", "--call", "relative-pose", "--output", "a.jsonl")
+    assert "pairs.csv: is no regular file; copy what it gives to a file on disk" in message
+
+
+def test_a_photo_is_a_regular_file(folder, views, refused):
+    write_table("rows.csv", views.rows, "x1 y1 x2 y2")
+    os.mkfifo("photo.png")
+    message = refused("relative-pose", "rows.csv", *CAMERAS, "--photo1", "photo.png", "--picture", "p.png")
+    assert "'--photo1': photo.png: is no regular file" in message

@@ -1,7 +1,9 @@
 import os
+import re
 
 import pytest
 
+import nonsac
 from nonsac.files.atomic import check_target, write_atomically
 
 
@@ -68,3 +70,12 @@ def test_umask_and_links_are_respected(tmp_path):
 def test_folder_that_is_write_protected(tmp_path, refused, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)
     assert "is write-protected; choose another one" in refused(check_target, tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [("a\0b", "cannot be the name of a file (embedded null byte)"), ("x" * 300, "the name is too long for the system")],
+)
+def test_names_that_no_file_can_have(tmp_path, name, problem):
+    with pytest.raises(nonsac.InputError, match=re.escape(problem)):
+        write_atomically(tmp_path / name, lambda temporary: pytest.fail("written"))

@@ -29,7 +29,7 @@ PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
         "\ufeff1\t2.5\t-3\n\n  4\tnan\t6  \n",
         "# made by hand\n//X Y Z\n1, 2.5, -3 # first\n4, nan, 6\n",
         "x y z\n1 2.5 -3\n4 nan 6\n",
-        "a,b,c,label\n1,2.5,-3,tree\n4,nan,6,\n",
+        "x,y,z,label\n1,2.5,-3,tree\n4,nan,6,\n",
         '"Z";"id";"X";"Y"\n-3;0;1;2.5\n6;1;4;NaN\n',
         "2\n1 2.5 -3 255 0 0\n4 nan 6 255 0 0\n",
     ],
@@ -57,6 +57,7 @@ def test_one_point_and_latin_comment(make_file):
         ("1 2 3a\n", "line 1: '3a' is not a number"),
         ("x y intensity\n1 2 3\n", "the header names no z (it names x, y, intensity)"),
         ("3\n1 2 3\n4 5 6\n", "truncated: its header promises 3 point rows, it holds 2"),
+        ("a,b,c,label\n1,2,3,tree\n", "names no x, y, z (it names a, b, c, label); name the coordinates x, y and z"),
         ("x y z\n", "holds no points"),
         ("# only a comment\n", "holds no points"),
         ("\n", "holds no points"),
@@ -198,6 +199,33 @@ def test_paths_that_cannot_be_read(tmp_path, refused, make_file, monkeypatch):
 
     monkeypatch.setattr(Path, "read_bytes", deny)
     assert "permission denied; make the file readable" in refused(read_cloud, make_file("a.ply", b"ply\n"))
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in READERS if suffix not in (".las", ".laz")])
+def test_files_that_no_memory_holds(make_file, refused, suffix):
+    """The first bytes are looked at before all are read."""
+    path = make_file("a" + suffix, b"")
+    with path.open("r+b") as file:
+        file.truncate(1 << 42)
+    assert "it looks like an unknown binary file" in refused(read_cloud, path)
+
+
+def test_text_that_no_memory_holds(make_file, refused, monkeypatch):
+    def fill(_):
+        raise MemoryError
+
+    monkeypatch.setattr(Path, "read_bytes", fill)
+    path = make_file("a.csv", "1 2 3\n")
+    assert "is larger than the memory there is; save it as Parquet or .npy" in refused(read_cloud, path)
+
+
+def test_a_structured_array_names_its_columns(tmp_path, refused):
+    rows = np.zeros(2, [(name, "f4") for name in ("i", "Z", "y", "x")])
+    rows["x"], rows["y"], rows["Z"] = (1, 4), (2, 5), (3, 6)
+    np.save(tmp_path / "a.npy", rows)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.npy"), [[1, 2, 3], [4, 5, 6]])
+    np.save(tmp_path / "b.npy", rows[["i", "y", "x"]].copy())
+    assert "the header names no z (it names i, y, x)" in refused(read_cloud, tmp_path / "b.npy")
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read everything")

@@ -1,3 +1,4 @@
+import os
 import sys
 
 import numpy as np
@@ -150,7 +151,107 @@ def test_damaged_files(features, make_matches, make_file, refused, tmp_path):
     assert "is a folder" in refused_matches(refused, features, tmp_path)
 
 
+def test_links_and_parts_that_are_missing(tmp_path, features, make_matches, refused):
+    matches = make_matches(NEW, **FROM_A)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "more.h5").write_bytes(features.read_bytes())
+    for target, problem in [("pipe", "names pipe, which is no regular file"), ("gone.h5", "lacks the file gone.h5")]:
+        for file, name in [(features, f"{A}/keypoints"), (matches, f"{NEW}/matches0")]:
+            whole = file.read_bytes()
+            with h5py.File(file, "a") as opened:
+                del opened[name]
+                opened[name] = h5py.ExternalLink(target, "/x")
+            message = refused(lambda path: read_hloc(features, matches, A, B), file)
+            assert problem in message
+            file.write_bytes(whole)
+    with h5py.File(features, "a") as opened:
+        del opened[A]
+        opened[A] = h5py.ExternalLink("more.h5", f"/{A}")
+    assert len(read_hloc(features, matches, A, B)) == 2
+    with h5py.File(features, "a") as opened:
+        del opened[f"{B}/keypoints"]
+        opened.create_dataset(f"{B}/keypoints", (10**12, 2), "f4", chunks=(1000, 2))
+    assert "lacks rows 0 to 999 of dataset 'keypoints'" in refused(read_hloc, features, matches, A, B)
+
+
 def test_h5py_missing(make_file, refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     message = refused(read_hloc, make_file("a.h5", b"\x89HDF\r\n\x1a\n"), "b.h5", A, B)
     assert message.endswith('reading the files of hloc needs h5py; pip install "nonsac[hloc]"')
+
+
+# --- an array for each image and for each pair, as DISK, kornia and deep-image-matching write ------------------------
+
+PAIRS = np.array([[0, 1], [2, 0]])
+
+
+@pytest.fixture
+def plain_features(tmp_path):
+    path = tmp_path / "keypoints.h5"
+    with h5py.File(path, "w") as file:
+        for name, keypoints in KEYPOINTS.items():
+            file[name] = keypoints
+    return path
+
+
+def plain_matches(path, first, second, matches):
+    with h5py.File(path, "w") as file:
+        file.create_group(first)[second] = matches
+    return path
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("kind", [np.int64, np.int32, np.uint16])
+def test_an_array_for_each_image_and_pair(plain_features, features, tmp_path, swapped, kind):
+    stored = (B, A, PAIRS[:, ::-1]) if swapped else (A, B, PAIRS)
+    path = plain_matches(tmp_path / "matches.h5", *stored[:2], stored[2].astype(kind))
+    for keypoints in (plain_features, features):  # deep-image-matching has groups of keypoints, too
+        matches = read_hloc(keypoints, path, A, B)
+        np.testing.assert_array_equal(matches.indices, PAIRS)
+        np.testing.assert_array_equal(matches.points1, [[0, 0], [30, 40]])
+        np.testing.assert_array_equal(matches.points2, [[7.5, 8.5], [5.5, 6.5]])
+        assert matches.weights is None
+        turned = read_hloc(keypoints, path, B, A)
+        np.testing.assert_array_equal(turned.points1, matches.points2)
+        np.testing.assert_array_equal(turned.points2, matches.points1)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("key", ["{}/{}", "{}-{}"])
+def test_matches_in_columns(plain_features, tmp_path, swapped, key):
+    """As DISK's own program and the image matching challenge have them."""
+    three = np.array([[0, 1], [2, 0], [1, 1]])
+    with h5py.File(tmp_path / "m.h5", "w") as file:
+        file[key.format(B, A) if swapped else key.format(A, B)] = (three[:, ::-1] if swapped else three).T
+    np.testing.assert_array_equal(read_hloc(plain_features, tmp_path / "m.h5", A, B).indices, three)
+    np.testing.assert_array_equal(read_hloc(plain_features, tmp_path / "m.h5", B, A).indices, three[:, ::-1])
+
+
+@pytest.mark.parametrize("empty", [np.zeros((0, 2), np.int64), np.zeros((2, 0), np.uint16)])
+def test_a_pair_without_matches(plain_features, tmp_path, empty):
+    assert len(read_hloc(plain_features, plain_matches(tmp_path / "m.h5", A, B, empty), A, B)) == 0
+
+
+@pytest.mark.parametrize(
+    ("matches", "expected"),
+    [
+        (np.array([[0, 2]]), "does not fit the keypoints in "),
+        (np.array([[3, 0]]), "does not fit the keypoints in "),
+        (np.array([[0, -1]]), "holds a match with a keypoint that is not there; number the keypoints from 0"),
+        (np.array([[0, 2**64 - 1]], np.uint64), "holds a match with a keypoint that is not there"),
+        (np.array([[0.0, 1.0]]), "holds matches of shape (1, 2) and type float64, not integers (k, 2) or (2, k)"),
+        (np.array([[0, 1, 2]]), "holds matches of shape (1, 3) and type int64, not integers (k, 2) or (2, k)"),
+        (np.array([0, 1]), "holds matches of shape (2,) and type int64, not integers (k, 2) or (2, k)"),
+    ],
+)
+def test_bad_arrays_of_matches(plain_features, tmp_path, refused, matches, expected):
+    path = plain_matches(tmp_path / "m.h5", A, B, matches)
+    assert expected in refused_matches(refused, plain_features, path)
+
+
+def test_unknown_names_of_arrays(plain_features, tmp_path, refused):
+    path = plain_matches(tmp_path / "m.h5", A, B, PAIRS)
+    message = refused(read_hloc, plain_features, path, A, "1.jpg")
+    assert f"holds no keypoints of image '1.jpg' (it holds {A}, {C}, {B}); check the name" in message
+    with pytest.raises(ValueError, match=rf"m.h5: holds no matches of '{A}' and '{C}' \(it holds {A}/{B}\)"):
+        read_hloc(plain_features, path, A, C)

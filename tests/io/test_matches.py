@@ -188,7 +188,7 @@ def test_pyarrow_missing(make_file, refused, monkeypatch):
             "a.csv",
             "x1,y1,x2\n1,2,3\n",
             "rows of 3 columns (x1 y1 x2), of which none is called y2; rename the columns, or choose them, by name or "
-            "position, in the order of x1 y1 x2 y2",
+            "position (columns=, --columns), in the order of x1 y1 x2 y2",
         ),
         ("a.csv", "x1,y1,x2,y2\n1,2,3\n", "its header names 4 columns, its rows have 3; name every column, or remov"),
         ("a.txt", "1 2 3 4\n1 2 3\n", "line 2 has 3 columns where 4 are needed"),

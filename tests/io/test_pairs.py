@@ -71,7 +71,7 @@ def test_two_clouds_of_different_length(make_file, refused):
             "a.csv",
             "x1,y1,z1,x2,y2\n1,2,3,4,5\n",
             "rows of 5 columns (x1 y1 z1 x2 y2), of which none is called z2; rename the columns, or choose them, by "
-            "name or position, in the order of x1 y1 z1 x2 y2 z2",
+            "name or position (columns=, --columns), in the order of x1 y1 z1 x2 y2 z2",
         ),
         ("a.csv", "x1,y1,z1,x2,y2,z2\n1,2,3,4,5,6\n1,2,3,4,5\n", "line 3 has 5 columns where 6 are needed"),
         ("a.txt", "1 2 3 4 5 6\n1 2 3 4 5 six\n", "line 2: 'six' is not a number"),

@@ -89,6 +89,22 @@ def test_the_journal_keeps_every_bit(tmp_path):
     assert repr(again) == repr(trial)
 
 
+def test_damaged_trials_run_again(plan, whole, tmp_path, monkeypatch):
+    path = tmp_path / "journal"
+    run_trials(plan, 1, journal=path)
+    lines = path.read_bytes().splitlines(keepends=True)
+    place = lines[3].index(b": 0.") + 6
+    lines[3] = lines[3][:place] + bytes([lines[3][place] ^ 1]) + lines[3][place + 1 :]
+    path.write_bytes(b"".join(lines))
+    ran = []
+    original = running.run_trial
+    monkeypatch.setattr("nonsac.reproduce.cells.run_trial", lambda *trial: ran.append(trial) or original(*trial))
+    with pytest.warns(UserWarning, match=r"1 of the trials in .*journal are damaged; what is missing is done again"):
+        outcomes = run_trials(plan, 1, journal=path, resume=True)
+    assert errors_of(outcomes) == errors_of(whole)
+    assert len(ran) == 1
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no flock")
 def test_a_journal_that_another_run_writes_to_is_refused(tmp_path):
     with Journal(tmp_path / "j", {"seed": 1}) as journal:
@@ -124,6 +140,9 @@ def test_a_journal_of_another_run_is_refused(tmp_path):
         b'{"settings": 5}\n',
         b"\xff\n",
         b'{"settings": {}}\n[0,[1],[2],[3]]\n',
+        b'{"settings": {}}\n[0,{},5]\n',
+        b'{"settings": {}}\n{"success": true}\n',
+        b'{"settings": ' + b"[" * 100_000 + b"\n",
     ],
 )
 @pytest.mark.parametrize("resume", [False, True])
@@ -136,11 +155,13 @@ def test_a_file_that_is_no_journal_is_refused_and_kept(tmp_path, content, resume
 
 
 @pytest.mark.parametrize(
-    "line", ["[0, {}, {}, {}]", '[99, {"2": {}, "3": {}}, {"2": {}, "3": {}}, {"2": true, "3": true}]']
+    ("position", "trial"),
+    [(0, Trial({}, {}, {})), (99, Trial({2: {}, 3: {}}, {2: {}, 3: {}}, {2: True, 3: True}))],
 )
-def test_a_damaged_trial_is_told_before_others_run(plan, tmp_path, line):
+def test_a_trial_that_does_not_fit_is_told_before_others_run(plan, tmp_path, position, trial):
     path = tmp_path / "journal"
-    path.write_text(json.dumps({"settings": plan.settings}) + "\n" + line + "\n")
+    with Journal(path, plan.settings) as journal:
+        journal.add(position, trial)
     with pytest.raises(ValueError, match="is damaged"):
         run_trials(plan, 1, journal=path, resume=True, progress=lambda *_: pytest.fail("ran"))
 

@@ -3,7 +3,10 @@
 import os
 import pickle
 import signal
+import socket
 import threading
+import time
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -100,7 +103,7 @@ def test_what_travels_is_small(client, rng):
 
 
 def test_a_cluster_without_workers_does_not_hang(rng, monkeypatch):
-    monkeypatch.setattr("nonsac.running.executors._PATIENCE", 0.1)
+    monkeypatch.setattr("nonsac.running.dask.PATIENCE", 0.1)
     rows = rng.random((5000, 6))
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty,
@@ -111,9 +114,67 @@ def test_a_cluster_without_workers_does_not_hang(rng, monkeypatch):
     same(result, registered(rows, 1, samples=3))
 
 
+def test_many_jobs_on_a_cluster_without_workers_do_not_hang(rng, monkeypatch):
+    monkeypatch.setattr("nonsac.running.dask.PATIENCE", 0.1)
+    points = rng.random((60, 3))
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty,
+        distributed.Client(empty) as client,
+        pytest.raises(BrokenExecutor, match="the Dask cluster has no workers left"),
+    ):
+        list(nonsac.estimate_many([nonsac.Job("register_pairs", points, points)], workers=client))
+
+
 def test_no_scheduler_is_said_at_once(monkeypatch):
-    monkeypatch.setattr("nonsac.running.executors._PATIENCE", 0.5)
+    monkeypatch.setattr("nonsac.running.dask.PATIENCE", 0.5)
     with pytest.raises(ValueError, match=r"workers='tcp://127.0.0.1:1': no Dask scheduler answers there; check that"):
         list(ordered_map(abs, 3, "tcp://127.0.0.1:1"))
     with pytest.raises(ValueError, match=r'workers="dask" needs a distributed.Client; make one, or give the address'):
         list(ordered_map(abs, 3, "dask"))
+
+
+def test_an_address_that_accepts_and_says_nothing(monkeypatch):
+    monkeypatch.setattr("nonsac.running.dask.PATIENCE", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # the system accepts, nobody reads
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        start = time.monotonic()
+        with pytest.raises(ValueError, match=rf"workers='{address}': no Dask scheduler answers there; check that"):
+            parsed(address)
+        assert time.monotonic() - start < 20
+
+
+def use(address):
+    return list(ordered_map(abs, 5, address))
+
+
+def test_a_call_in_a_task_of_its_own_cluster():
+    """It would wait for a worker while it occupies the only one."""
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        assert client.submit(use, client.scheduler.address, pure=False).result(timeout=30) == list(range(5))
+        assert list(ordered_map(abs, 5, client)) == list(range(5))
+        assert parsed(client) != 1
+
+
+class Mute:
+    """A client of a scheduler that has stopped answering."""
+
+    status = "running"
+
+    def nthreads(self):
+        raise TimeoutError("timed out")
+
+
+def test_a_scheduler_that_stops_answering_is_left(monkeypatch):
+    monkeypatch.setattr("nonsac.running.dask.PATIENCE", 0.05)
+
+    class Swallows(ThreadPoolExecutor):
+        _client = Mute()
+
+        def submit(self, task, /, *arguments):
+            return Future()
+
+    with pytest.warns(UserWarning, match="has no workers left, or does not answer"):
+        assert list(ordered_map(abs, 3, Swallows(1))) == [0, 1, 2]

@@ -2,6 +2,8 @@ import math
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 import warnings
@@ -10,7 +12,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from nonsac.running.executors import _waited_for, ordered_map
+from nonsac.running.executors import ordered_map, parsed, waited_for
 
 
 def square(i):
@@ -206,13 +208,13 @@ class EndsAsTheWaitDoes(Future):
 def test_a_task_that_ends_as_the_patience_does_is_no_error():
     pool = ThreadPoolExecutor(1)
     pool._client = None
-    assert _waited_for(finished(1), pool) == 1
+    assert waited_for(finished(1), pool) == 1
     pool._client = object()
-    assert _waited_for(EndsAsTheWaitDoes(), pool) == 7
+    assert waited_for(EndsAsTheWaitDoes(), pool) == 7
     own = Future()
     own.set_exception(TimeoutError("the task's own"))
     with pytest.raises(TimeoutError, match="the task's own"):
-        _waited_for(own, pool)
+        waited_for(own, pool)
     pool.shutdown()
 
 
@@ -246,3 +248,40 @@ def test_a_task_may_be_packed_for_the_way():
 def test_other_workers_are_refused_by_name(wrong):
     with pytest.raises(ValueError, match="workers must be"):
         list(ordered_map(square, 3, wrong))
+
+
+def test_a_task_may_use_the_executor_that_it_runs_on():
+    """It would wait for a thread while it occupies the only one."""
+    with ThreadPoolExecutor(1) as pool:
+        inside = pool.submit(lambda: list(ordered_map(square, 5, pool)))
+        assert inside.result(timeout=30) == [0, 1, 4, 9, 16]
+        assert parsed(pool) is pool
+
+
+@pytest.mark.parametrize("made", ["ThreadPoolExecutor(1)", "ProcessPoolExecutor(1, mp_context=fork)"])
+def test_an_executor_that_was_copied_by_a_fork_is_refused(made):
+    """Its threads are not in the copy, and nothing would ever be done."""
+    script = f"""
+import sys, multiprocessing, warnings
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+warnings.simplefilter("ignore")
+from nonsac.running.executors import ordered_map
+fork = multiprocessing.get_context("fork")
+pool = {made}
+print(list(ordered_map(abs, 3, pool)), flush=True)
+def inside():
+    try:
+        list(ordered_map(abs, 3, pool))
+    except ValueError as error:
+        print(error, flush=True)
+child = fork.Process(target=inside)
+child.start()
+child.join(60)
+print(child.exitcode, flush=True)
+child.kill()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    numbers, refusal, code = done.stdout.splitlines()
+    assert numbers == "[0, 1, 2]"
+    assert refusal.endswith("which cannot work here; make one in this process, or give a number")
+    assert code == "0"

@@ -1,10 +1,15 @@
+import contextlib
+import mmap
+import os
 import pickle
 
 import numpy as np
 import pytest
 
 from nonsac.io import InputError
-from nonsac.sources import ArraySource
+from nonsac.layouts import MATCHES, POINTS
+from nonsac.sources import ArraySource, JoinedSource
+from nonsac.sources.columns import arranged
 
 LAYOUTS = {
     "C": lambda rows: rows,
@@ -114,3 +119,73 @@ def test_a_map_that_cannot_be_opened_there_is_refused(tmp_path, damage):
     damage(tmp_path / "rows.npy")
     with pytest.raises(InputError, match=r"rows\.npy: cannot be mapped again"):
         pickle.loads(told)
+
+
+class Frame:
+    """As pandas and polars have it, as far as it matters."""
+
+    def __init__(self, rows, columns):
+        self.rows, self.columns = rows, columns
+
+    def __array__(self, dtype=None, copy=None):
+        return self.rows
+
+
+def test_the_names_of_tables_are_kept():
+    """So that x2 y2 x1 y1 are not taken for x1 y1 x2 y2."""
+    rows, names = np.arange(20.0).reshape(5, 4), ["x2", "y2", "x1", "y1"]
+    tables = [Frame(rows, names), Frame(rows, iter(names))]
+    with contextlib.suppress(ImportError):
+        import pyarrow as pa
+
+        table = pa.table(dict(zip(names, rows.T, strict=True)))
+        tables += [table, table.to_batches()[0]]
+    for table in tables:
+        source = ArraySource(table)
+        assert source.about.names == tuple(names)
+        np.testing.assert_array_equal(arranged(source, MATCHES).take(np.arange(5)), rows[:, [2, 3, 0, 1]])
+        with pytest.raises(ValueError, match="of which none is called u v X Y Z"):
+            arranged(source, POINTS)
+    assert ArraySource(Frame(rows, names), ["a", "b", "c", "d"]).about.names == ("a", "b", "c", "d")
+    assert ArraySource(Frame(rows, range(4))).about.names is None
+
+
+def mapped(path, rows, how):
+    if how == "plain map":
+        with path.open("r+b") as file:
+            memory = mmap.mmap(file.fileno(), 0)
+        return np.frombuffer(memory, np.float64, rows.size, path.stat().st_size - rows.nbytes).reshape(rows.shape)
+    if how == "with an offset":
+        return np.memmap(path, np.float64, "r", path.stat().st_size - rows.nbytes, rows.shape)
+    return np.load(path, mmap_mode=how)
+
+
+@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
+@pytest.mark.parametrize("how", ["r", "r+", "c", "plain map", "with an offset"])
+def test_a_map_whose_file_shrinks(tmp_path, how, view):
+    """To touch what is gone would end the process; what is left is not enough to go on, either."""
+    rows, path = np.arange(30_000.0).reshape(10_000, 3), tmp_path / "rows.npy"
+    np.save(path, rows)
+    given = view(mapped(path, rows, how))
+    sources = [ArraySource(given), JoinedSource([given, given])]
+    last = len(given) - 1
+    for source in sources:
+        np.testing.assert_array_equal(source.take(np.array([last]))[0, : given.shape[1]], view(rows)[last])
+    os.truncate(path, 130)
+    for source in sources:
+        for read in (lambda: source.take(np.array([0])), lambda: next(source.chunks(5))):  # noqa: B023
+            with pytest.raises(InputError, match=r"the file was cut to 130 bytes while it was mapped into memory"):
+                read()
+
+
+def test_memory_that_no_file_is_behind():
+    memory = mmap.mmap(-1, 8 * 12)
+    rows = np.frombuffer(memory, np.float64).reshape(4, 3)
+    np.testing.assert_array_equal(ArraySource(rows).take(np.array([3])), [[0, 0, 0]])
+
+
+def test_a_map_that_is_longer_than_what_is_read_of_it(tmp_path):
+    np.save(tmp_path / "rows.npy", np.arange(30_000.0).reshape(10_000, 3))
+    source = ArraySource(np.load(tmp_path / "rows.npy", mmap_mode="r")[:100])
+    os.truncate(tmp_path / "rows.npy", 4096)
+    np.testing.assert_array_equal(source.take(np.array([99])), [[297, 298, 299]])

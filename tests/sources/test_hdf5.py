@@ -1,3 +1,4 @@
+import os
 import pickle
 import sys
 
@@ -92,10 +93,125 @@ def test_numbers_of_few_bits_are_read_by_hdf5(path):
     np.testing.assert_array_equal(source.take(np.arange(4)), np.arange(8).reshape(4, 2))
 
 
-def test_what_was_never_written_has_the_fill_value(path):
+@pytest.mark.parametrize("fill", [0.0, 7.0, np.nan])
+def test_what_was_never_written_is_refused(path, refused, fill):
     with h5py.File(path, "w") as file:
-        file.create_dataset("rows", (10, 3), "f8", fillvalue=7.0)
-    np.testing.assert_array_equal(Hdf5Source(path, "rows").take(np.array([4])), [[7, 7, 7]])
+        file.create_dataset("rows", (10, 3), "f8", fillvalue=fill)
+        chunked = file.create_dataset("chunked", (1000, 3), "f8", fillvalue=fill, chunks=(100, 2))
+        chunked[:300], chunked[300:, :2] = 1.0, 2.0
+        file.create_dataset("absurd", (2**60, 1), "f8", chunks=(100, 1))[5] = 3.0
+        file.create_dataset("none", (0, 3), "f8", chunks=(100, 3), maxshape=(None, 3))
+    assert "lacks the numbers of dataset 'rows' (never written, or gone)" in refused(path, Hdf5Source, path, "rows")
+    assert "lacks rows 300 to 399 of dataset 'chunked'" in refused(path, Hdf5Source, path, "chunked")
+    assert "lacks rows 100 to 199 of dataset 'absurd'" in refused(path, Hdf5Source, path, "absurd")
+    assert len(Hdf5Source(path, "none")) == 0
+
+
+def test_small_datasets_may_lie_in_their_header(path, rng):
+    rows = rng.normal(size=(4, 2))
+    kept = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    kept.set_layout(h5py.h5d.COMPACT)
+    with h5py.File(path, "w") as file:
+        space = h5py.h5s.create_simple(rows.shape)
+        h5py.h5d.create(file.id, b"rows", h5py.h5t.NATIVE_DOUBLE, space, kept).write(space, space, rows)
+    np.testing.assert_array_equal(Hdf5Source(path, "rows").take(np.array([3, 0])), rows[[3, 0]])
+
+
+@pytest.mark.parametrize("options", WRITTEN.values(), ids=WRITTEN)
+def test_links_lead_where_h5py_follows_them(path, rng, options, refused):
+    """The same position in this file holds other numbers."""
+    rows, data = rng.normal(size=(100, 4)), path.with_name("data.h5")
+    write(data, options=options, **{"deep/rows": rows})
+    with h5py.File(path, "w") as file:
+        file["other"] = np.full((2000, 4), -7.0)
+        file["rows"] = h5py.ExternalLink("data.h5", "/deep/rows")
+        file["soft"] = h5py.SoftLink("/rows")
+        file["deep"] = h5py.ExternalLink("data.h5", "/deep")
+        file["deep2/rows"] = h5py.SoftLink("/deep/rows")
+        file["same"] = file["other"]
+    for name in ("rows", "soft", "deep/rows", "deep2/rows"):
+        source = Hdf5Source(path, name)
+        np.testing.assert_array_equal(source.take(np.array([0, 99])), rows[[0, 99]])
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(source)).take(np.array([5])), rows[[5]])
+    assert Hdf5Source(path, "same").about.blocks is None
+    write(data, options=options, **{"deep/rows": rows + 1})
+    assert "the file was changed after it was opened" in refused(data, source.take, np.array([0]))
+    data.unlink()
+    assert "lacks the file data.h5" in refused(path, Hdf5Source, path, "rows")
+
+
+@pytest.mark.parametrize("name", ["rows", "group/rows", "soft"])
+def test_links_to_pipes_and_circles(tmp_path, path, refused, name):
+    os.mkfifo(tmp_path / "pipe")
+    write(tmp_path / "between.h5", rows=np.zeros((4, 2)))
+    with h5py.File(tmp_path / "between.h5", "a") as file:
+        file["pipe"] = h5py.ExternalLink("pipe", "/rows")
+    with h5py.File(path, "w") as file:
+        file["rows"] = h5py.ExternalLink("pipe", "/rows")
+        file["group"] = h5py.ExternalLink("pipe", "/")
+        file["soft"] = h5py.ExternalLink("between.h5", "/pipe")
+        file["a"], file["b"] = h5py.SoftLink("/b"), h5py.SoftLink("/a")
+    assert "names pipe, which is no regular file" in refused(path, Hdf5Source, path, name)
+    assert "too many links lead to" in refused(path, Hdf5Source, path, "a")
+
+
+def test_raw_bytes_of_other_files_are_no_numbers(tmp_path, path, refused):
+    secret = tmp_path / "secret"
+    secret.write_bytes(b"a password, say" * 100)
+    with h5py.File(path, "w") as file:
+        file.create_dataset("rows", (10, 4), "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+    message = refused(path, Hdf5Source, path, "rows")
+    assert "the numbers of dataset 'rows' lie in other files, as raw bytes; copy the dataset into this file" in message
+    virtual(tmp_path / "virtual.h5", 10, [(path, "rows", 10)], 4)
+    message = refused(tmp_path / "virtual.h5", Hdf5Source, tmp_path / "virtual.h5", "rows")
+    assert "lie in other files, as raw bytes" in message
+
+
+def virtual(path, count, parts, width=3):
+    layout, first = h5py.VirtualLayout((count, width), "f8"), 0
+    for source, name, rows in parts:
+        layout[first : first + rows] = h5py.VirtualSource(str(source), name, (rows, width))
+        first += rows
+    with h5py.File(path, "a") as file:
+        file.create_virtual_dataset("rows", layout)
+
+
+def test_virtual_datasets_are_read_if_all_of_them_is_there(tmp_path, path, rng, refused):
+    rows, parts = rng.normal(size=(90, 3)), [tmp_path / "a.h5", tmp_path / "b.h5"]
+    for part, piece in zip(parts, (rows[:40], rows[40:]), strict=True):
+        write(part, rows=piece)
+    write(path, more=rows)
+    pieces = [(parts[0], "rows", 40), (parts[1], "rows", 50), (".", "more", 90)]
+    virtual(path, 180, pieces)
+    source = Hdf5Source(path, "rows")
+    np.testing.assert_array_equal(source.take(np.array([0, 39, 40, 89, 179])), rows[[0, 39, 40, 89, 89]])
+    write(parts[1], other=rows)
+    assert "the file was changed after it was opened" in refused(parts[1], source.take, np.array([0]))
+    assert "lacks the part 'rows' of dataset 'rows'" in refused(path, Hdf5Source, path, "rows")
+    write(parts[1], rows=rows[:20])
+    assert "lacks the end of the part 'rows'" in refused(path, Hdf5Source, path, "rows")
+    with h5py.File(parts[1], "w") as file:
+        file.create_dataset("rows", (50, 3), "f8", chunks=(10, 3))[:30] = 1.0
+    assert "lacks rows 30 to 39 of dataset 'rows'" in refused(path, Hdf5Source, path, "rows")
+    parts[1].unlink()
+    assert "b.h5, which a link or dataset names" in refused(path, Hdf5Source, path, "rows")
+    with h5py.File(tmp_path / "d.h5", "w") as file:
+        layout = h5py.VirtualLayout((20, 3), "f8")
+        layout[...] = h5py.VirtualSource("a.h5", "rows", (90, 3))[70:]
+        file.create_virtual_dataset("rows", layout)
+    assert "lacks the end of the part" in refused(tmp_path / "d.h5", Hdf5Source, tmp_path / "d.h5", "rows")
+    virtual(tmp_path / "c.h5", 41, pieces[:1])
+    assert "lacks parts of dataset 'rows'" in refused(tmp_path / "c.h5", Hdf5Source, tmp_path / "c.h5", "rows")
+
+
+def test_chunks_do_not_explode(path, refused):
+    with h5py.File(path, "w") as file:
+        for name, shape, chunk in [("long", (3 * 10**7, 1), (3 * 10**7, 1)), ("wide", (2, 10**7), (1, 10**7))]:
+            file.create_dataset(name, shape, "i1", chunks=chunk, compression="gzip")[...] = 1
+        file.create_dataset("flat", (4, 10**5 + 1), "i1")[...] = 1
+    assert "a chunk of dataset 'long' would take up 240 MB of memory" in refused(path, Hdf5Source, path, "long")
+    assert "a chunk of dataset 'wide' would take up 80 MB" in refused(path, Hdf5Source, path, "wide")
+    assert "more than 100000 of any table of rows; transpose it" in refused(path, Hdf5Source, path, "flat")
 
 
 def test_only_blocks_that_hold_a_row_are_read(path, monkeypatch):

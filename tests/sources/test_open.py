@@ -264,6 +264,111 @@ def test_a_file_that_names_its_columns_must_have_them_all(tmp_path, refused, kin
 
 
 @pytest.mark.parametrize("kind", NAMED)
+@pytest.mark.parametrize(
+    ("layout", "names"),
+    [
+        (MATCHES, ("x0", "y0", "x1", "y1")),
+        (MATCHES, ("x1 [px]", "y1 [px]", "x2 [px]", "y2 [px]")),
+        (MATCHES, ("x_1", "y_1", "x_2", "y_2")),
+        (POINTS, ("x", "y", "X", "Y", "Z")),
+        (POINTS, ("U", "V", "Easting [m]", "Northing [m]", "Height [m]")),
+    ],
+)
+def test_columns_are_found_by_usual_names(tmp_path, kind, layout, names):
+    """Beside an id that comes first; opened with a layout or by a call."""
+    held = dict(zip(names[::-1], ROWS[:, : len(names)].T[::-1], strict=True))
+    named(tmp_path / "rows", kind, {"id": np.arange(12.0)} | held)
+    for source in (nonsac.open_source(tmp_path / "rows", layout=layout), nonsac.open_source(tmp_path / "rows")):
+        np.testing.assert_array_equal(arranged(source, layout).take(np.arange(12)), ROWS[:, : len(names)])
+
+
+@pytest.mark.parametrize("kind", NAMED)
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("id", "x [m]", "y [m]", "z [m]"), r"\(id x \[m\] y \[m\] z \[m\]\), of which none is called x1 y1 x2 y2"),
+        (
+            ("id", "u1", "v1", "u2", "v2"),
+            r"\(id u1 v1 u2 v2\), of which none is called x1 y1 x2 y2; rename the columns, or ch",
+        ),
+        (
+            ("GPSTime", "Easting", "Northing", "Height"),
+            "of which none is called x1 y1 x2 y2; rename the columns, or ch",
+        ),
+        (("x1 [px]", "y1 [mm]", "x2", "y2"), r"where the units of the coordinates differ \(mm, px\); rename the"),
+        (("x1 [px]", "x_1", "y1", "x2", "y2"), r"where several columns could be x1 \(x1 \[px\], x_1\); rename"),
+    ],
+)
+def test_names_that_leave_a_doubt_are_refused(tmp_path, refused, kind, names, message):
+    path = tmp_path / "rows"
+    named(path, kind, dict.fromkeys(names, np.ones(12)))
+    with pytest.raises(InputError, match=message):
+        nonsac.open_source(path, layout=MATCHES)
+    with pytest.raises(ValueError, match=message):
+        nonsac.relative_pose(nonsac.open_source(path))
+    assert "(columns=, --columns), in the order of" in refused(path, lambda: nonsac.open_source(path, layout=MATCHES))
+
+
+@pytest.mark.parametrize("kind", ["hdf5", "zarr", "npz"])
+def test_arrays_that_are_named_as_the_columns(tmp_path, refused, kind):
+    path, held = tmp_path / "rows", {name: np.ascontiguousarray(c) for name, c in zip(NAMES, ROWS.T, strict=True)}
+
+    def write(path, arrays):
+        if kind == "npz":
+            with path.open("wb") as file:
+                np.savez(file, **arrays)
+        elif kind == "hdf5":
+            with pytest.importorskip("h5py").File(path, "w") as file:
+                for name, array in arrays.items():
+                    file[name] = array
+        else:
+            group = pytest.importorskip("zarr").open_group(str(path), mode="w")
+            for name, array in arrays.items():
+                group.create_array(name, data=array)
+
+    write(path, {"id": np.arange(12.0), "weight": np.full(12, 2.0)} | held)
+    expected = np.column_stack([ROWS, np.full(12, 2.0)])
+    np.testing.assert_array_equal(nonsac.open_source(path, layout=POINTS).take(np.arange(12)), expected)
+    if kind != "npz":
+        message = refused(path, lambda: nonsac.open_source(path, layout=MATCHES))
+        assert "of which none is called x1 y1 x2 y2" in message
+        write(tmp_path / "both", {"table": ROWS} | {name: held[name] for name in "uv"})
+        source = nonsac.open_source(tmp_path / "both", layout=POINTS)
+        np.testing.assert_array_equal(source.take(np.arange(12)), ROWS)
+
+
+@pytest.mark.parametrize("chunks", [None, (5, 5)])
+@pytest.mark.parametrize("block", [512, 2048])
+def test_hdf5_behind_a_user_block(tmp_path, chunks, block):
+    """As MATLAB writes it."""
+    path = tmp_path / "rows.mat"
+    with pytest.importorskip("h5py").File(path, "w", userblock_size=block) as file:
+        file.create_dataset("rows", data=ROWS, chunks=chunks)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    np.testing.assert_array_equal(nonsac.open_source(path, layout=POINTS).take(np.arange(12)), ROWS)
+
+
+@pytest.mark.parametrize("kind", ["parquet", "feather"])
+def test_what_is_missing_in_nullable_columns_is_nan(tmp_path, kind):
+    pa = pytest.importorskip("pyarrow")
+    columns = {"x1": pa.array([1.0, None]), "y1": pa.array([None, 2], pa.int32()), "x2": pa.array([3, 4], pa.uint8())}
+    named(tmp_path / "rows", kind, columns | {"y2": pa.array([None, None], pa.float32())})
+    rows = nonsac.open_source(tmp_path / "rows", layout=MATCHES).take(np.arange(2))
+    np.testing.assert_array_equal(rows, [[1, np.nan, 3, np.nan], [np.nan, 2, 4, np.nan]])
+
+
+@pytest.mark.parametrize(("name", "held"), [("y2", "null"), ("weight", "string")])
+def test_columns_of_no_numbers_are_refused_with_the_way_out(tmp_path, refused, name, held):
+    pa = pytest.importorskip("pyarrow")
+    columns = {column: pa.array([1.0]) for column in MATCHES.names} | {"weight": pa.array([1.0])}
+    path = tmp_path / "rows"
+    named(path, "parquet", columns | {name: pa.nulls(1) if held == "null" else pa.array(["high"])})
+    message = refused(path, lambda: nonsac.open_source(path, layout=MATCHES))
+    assert f"column '{name}' holds {held}, not numbers; save one column of numbers" in message
+
+
+@pytest.mark.parametrize("kind", NAMED)
 def test_columns_that_were_asked_for_stay_in_their_order(tmp_path, kind):
     """Also if calls know their names: x2 y2 x1 y1 are the cameras the other way round."""
     columns = {name: np.arange(12.0) + 20 * place for place, name in enumerate(("x1", "y1", "x2", "y2"))}

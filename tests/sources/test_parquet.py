@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 import nonsac
+from limits import little_memory
 from nonsac.io import InputError
 from nonsac.layouts import MATCHES, Layout
 from nonsac.sources import ParquetSource, parquet
+
+__all__ = ["little_memory"]
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -130,11 +133,11 @@ def reads(monkeypatch):
     """What is read of the files: (block of the file, columns)."""
     seen = []
     for kind in (parquet._ParquetFile, parquet._ArrowFile):
-        read = kind.read_block
+        read = kind.read_column
         monkeypatch.setattr(
             kind,
-            "read_block",
-            lambda self, block, columns, read=read: seen.append((block, *columns)) or read(self, block, columns),
+            "read_column",
+            lambda self, block, name, rows, read=read: seen.append((block, name)) or read(self, block, name, rows),
         )
     return seen
 
@@ -335,6 +338,50 @@ def test_damaged_bytes_are_refused_or_read(tmp_path, name, rng):
             assert ParquetSource(tmp_path / name, ["x1"]).take(np.array([1, 50, 99])).shape == (3, 1)
 
 
+@pytest.mark.usefixtures("little_memory")
+def test_blocks_do_not_explode(tmp_path):
+    for name, compression in [("a.parquet", "snappy"), ("a.arrow", "zstd")]:
+        path = tmp_path / name
+        rows = np.zeros((3_000_000, 4))
+        with pytest.raises(InputError, match=r"its largest block of rows would take up 96 MB of memory, from"):
+            ParquetSource(write(path, table(rows), 10**7, compression=compression))
+        assert len(ParquetSource(write(path, table(rows), 10**6, compression=compression))) == 3_000_000
+
+
+def test_columns_that_go_on_for_ever_are_left(tmp_path, monkeypatch):
+    """Row groups and the pages in them count their rows each for itself."""
+    path = write(tmp_path / "a.parquet", rows=100)
+    monkeypatch.setattr(parquet._ParquetFile, "block_rows", lambda self: [40])
+    source, held = ParquetSource(path), []
+    concatenate = np.concatenate
+    monkeypatch.setattr(np, "concatenate", lambda parts: held.append(sum(map(len, parts))) or concatenate(parts))
+    with pytest.raises(InputError, match="was changed"):
+        source.take(np.array([1]))
+    assert held == [41]
+
+
+def test_lengths_of_arrow_are_compared_with_its_bytes(tmp_path):
+    path = write(tmp_path / "a.arrow", rows=100)
+    content = path.read_bytes()
+    longer = content.replace((100).to_bytes(8, "little"), (10**6).to_bytes(8, "little"))
+    assert longer != content
+    path.write_bytes(longer)
+    with pytest.raises(InputError, match=r"a.arrow: is truncated or damaged"):
+        ParquetSource(path).take(np.array([1]))
+
+
+def test_footers_that_end_the_process_are_not_asked_for_sizes(tmp_path):
+    """Of some damaged ones pyarrow does not raise what is wrong, but aborts; whatever happens, it is an InputError."""
+    content = write(tmp_path / "a.parquet").read_bytes()
+    for place in [match.start() for match in re.finditer(rb"\x29\x06", content)]:  # lists of no numbers
+        for length in range(1, 15):
+            damaged = bytearray(content)
+            damaged[place + 1] = length << 4 | 6
+            (tmp_path / "a.parquet").write_bytes(damaged)
+            with suppress(InputError):
+                list(ParquetSource(tmp_path / "a.parquet").chunks(1000))
+
+
 def test_a_file_that_changes_while_it_is_read(tmp_path):
     path = write(tmp_path / "a.parquet")
     source = ParquetSource(path)
@@ -350,13 +397,13 @@ def test_a_file_that_changes_while_it_is_read(tmp_path):
 def test_a_file_that_is_written_anew_during_a_reading(tmp_path, name, monkeypatch):
     path = write(tmp_path / name)
     source, kind = ParquetSource(path), parquet._ParquetFile if name == "a.parquet" else parquet._ArrowFile
-    read = kind.read_block
+    read = kind.read_column
 
     def reading_while_it_changes(*arguments):
         os.utime(path, ns=(0, 0))
         return read(*arguments)
 
-    monkeypatch.setattr(kind, "read_block", reading_while_it_changes)
+    monkeypatch.setattr(kind, "read_column", reading_while_it_changes)
     with pytest.raises(InputError, match=rf"{name}: the file was changed after it was opened"):
         source.take(np.array([0]))
 

@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from nonsac.layouts import MATCHES
 from nonsac.method.sampling import sample_rows
 from nonsac.sources import StreamSource
+from nonsac.sources.columns import arranged
 
 
 def numbered(rows, size=100, width=2):
@@ -131,3 +133,17 @@ def test_bad_chunks(chunks, kind, message):
 def test_rows_must_be_a_count(rows):
     with pytest.raises(ValueError, match="rows must be a positive integer"):
         StreamSource([], rows)
+
+
+def test_the_names_of_tables_are_kept():
+    pa = pytest.importorskip("pyarrow")
+    rows = np.arange(48.0).reshape(12, 4)
+    table = pa.table(dict(zip(("x2", "y2", "X1", "y1"), rows.T, strict=True)))
+    source = StreamSource(table.to_batches(max_chunksize=5))
+    assert source.about.names == ("x2", "y2", "X1", "y1")
+    taken = arranged(source, MATCHES).take(np.arange(12))
+    np.testing.assert_array_equal(taken[np.argsort(taken[:, 0])], rows[:, [2, 3, 0, 1]])
+    with pytest.raises(ValueError, match=r"chunks\[1\] names its columns \('x2', 'y2', 'y1', 'X1'\), chunks\[0\] \("):
+        StreamSource([table, table.select(["x2", "y2", "y1", "X1"])])
+    with pytest.raises(ValueError, match=r"chunks\[1\] names its columns None, chunks\[0\] \('x2',"):
+        StreamSource([table, rows])

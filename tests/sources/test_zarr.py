@@ -1,3 +1,4 @@
+import json
 import pickle
 import shutil
 import sys
@@ -5,10 +6,13 @@ import sys
 import numpy as np
 import pytest
 
+from limits import little_memory
 from nonsac.sources import ZarrSource
 from nonsac.sources import zarr as module
 
 zarr = pytest.importorskip("zarr")
+
+__all__ = ["little_memory"]
 
 FORMATS = [2, 3] if zarr.__version__ >= "3" else [2]
 
@@ -87,7 +91,7 @@ def test_urls(path, rng, formatted, scheme):
 
 def test_only_blocks_that_hold_a_row_are_read(path, monkeypatch):
     monkeypatch.setattr(module, "block_rows", lambda chunk, width: chunk)
-    write(str(path), np.zeros((1000, 3)))
+    write(str(path), np.ones((1000, 3)))
     source, read = ZarrSource(path), []
     read_block = ZarrSource.read_block
     monkeypatch.setattr(ZarrSource, "read_block", lambda self, block: read.append(block) or read_block(self, block))
@@ -108,15 +112,76 @@ def test_travels_as_a_short_description(path, formatted):
 
 
 def test_an_array_that_is_gone_or_another_one(path, refused, formatted):
-    write(str(path), np.zeros((500, 3)), **formatted)
+    write(str(path), np.ones((500, 3)), **formatted)
     source = ZarrSource(path)
     source.take(np.array([1]))
     told = pickle.dumps(source)
     shutil.rmtree(path)
     assert "no such file" in refused(path, source.take, np.array([1]))
     assert "no such file" in refused(path, pickle.loads(told).take, np.array([1]))
-    write(str(path), np.zeros((400, 3)), **formatted)
+    write(str(path), np.ones((400, 3)), **formatted)
     assert "was changed while it was read" in refused(path, pickle.loads(told).take, np.array([1]))
+
+
+@pytest.mark.parametrize("dtype", ["f8", "f4", "i2", "u1"])
+@pytest.mark.parametrize("fill", [0, 1, 7])
+def test_chunks_that_are_gone_or_were_never_written(path, refused, monkeypatch, formatted, dtype, fill):
+    monkeypatch.setattr(module, "block_rows", lambda chunk, width: 2 * chunk)
+    rows = (np.arange(1350).reshape(450, 3) % 97).astype(dtype)
+    write(str(path), rows, fill_value=fill, **formatted)
+    np.testing.assert_array_equal(ZarrSource(path).take(np.arange(450)), rows)
+    (gone,) = [chunk for chunk in path.rglob("*") if str(chunk.relative_to(path)) in ("2.1", "c/2/1")]
+    gone.unlink()
+    source = ZarrSource(path)
+    assert "lacks rows 200 to 299 (never written, or gone)" in refused(path, source.take, np.array([399]))
+    assert "lacks rows 200 to 299" in refused(path, list, source.chunks(500))
+    np.testing.assert_array_equal(source.take(np.array([5, 199, 449])), rows[[5, 199, 449]])
+    np.testing.assert_array_equal(ZarrSource(path, columns=[1, 0]).take(np.arange(450)), rows[:, [1, 0]])
+    rows[300:] = fill
+    write(str(path / "other"), rows, fill_value=fill, **formatted)
+    assert "lacks rows 300 to 399" in refused(path / "other", ZarrSource(path / "other").take, np.array([399, 5]))
+
+
+def test_fill_values_that_were_written_are_numbers(path, formatted):
+    array = zarr.create(shape=(40, 3), dtype="f8", chunks=(10, 3), store=str(path), fill_value=np.nan, **formatted)
+    array[...] = np.where(np.arange(40)[:, None] < 39, np.nan, 5.0)
+    for chunk, rows in [(0, 10), (3, 10)]:
+        array[10 * chunk : 10 * chunk + rows, 1] = 5.0
+    array[10:30] = 0.0
+    expected = array[:]
+    np.testing.assert_array_equal(ZarrSource(path).take(np.arange(40)), expected)
+
+
+@pytest.mark.skipif(zarr.__version__ < "3", reason="no shards")
+def test_chunks_that_were_never_written_into_a_shard(path, rng, refused, monkeypatch):
+    monkeypatch.setattr(module, "block_rows", lambda chunk, width: chunk)
+    array = zarr.create_array(store=str(path), shape=(450, 3), dtype="f8", chunks=(20, 3), shards=(200, 3))
+    array[:240] = rng.normal(size=(240, 3))
+    source = ZarrSource(path)
+    np.testing.assert_array_equal(source.take(np.array([5, 199])), array[:][[5, 199]])
+    assert "lacks rows 240 to 259" in refused(path, source.take, np.array([210]))
+    assert "lacks rows 400 to 419" in refused(path, source.take, np.array([449]))
+
+
+ABSURD = {
+    "no chunks": ({"chunks": [0, 4]}, "names the chunks (0, 4), which no array has"),
+    "10^18": ({"shape": [10**18, 4]}, "promises 1e+18 rows"),
+    "10^30": ({"shape": [10**30, 4]}, "more than any file holds"),
+    "3 10^13": ({"shape": [3 * 10**13, 4], "chunks": [1000, 4]}, "promises 3e+13 rows"),
+    "10^10": ({"shape": [10**10, 4], "chunks": [1000, 4]}, "lacks rows 99999"),
+    "wide": ({"shape": [60, 4 * 10**7]}, "more than 100000 of any table"),
+    "large chunks": ({"shape": [10**8, 4], "chunks": [10**8, 4]}, "a chunk would take up 3.2 GB of memory"),
+    "negative": ({"shape": [-5, 4]}, ""),
+}
+
+
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize(("changes", "problem"), ABSURD.values(), ids=ABSURD)
+def test_metadata_that_nothing_bears_out(path, refused, changes, problem):
+    usual = {"zarr_format": 2, "shape": [60, 4], "chunks": [16, 4], "dtype": "<f8", "compressor": None}
+    path.mkdir()
+    (path / ".zarray").write_text(json.dumps(usual | {"fill_value": 0.0, "order": "C", "filters": None} | changes))
+    assert problem in refused(path, ZarrSource, path)
 
 
 def test_damaged_chunks(path, refused, formatted):

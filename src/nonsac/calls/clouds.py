@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from nonsac.method.pipeline import run
 from nonsac.method.scoring import TruncatedLp
 from nonsac.method.settings import Progress, Settings
 from nonsac.problems.noise import Noise
+from nonsac.quiet import quiet
 from nonsac.result import VERSION, Evidence, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.executors import Workers
@@ -44,7 +46,9 @@ def register_clouds(
     Parameters
     ----------
     source, target : (n, 3) and (k, 3) array
-        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped.
+        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped. Organised
+        clouds (h, w, 3), tensors, DataFrames with columns x, y and z, and clouds and meshes of Open3D, laspy, trimesh
+        and such are taken as well.
     samples, sample_size : int
         At most this many samples of this many hypothesised pairs; fewer if several samples agree early.
     workers : None, int or concurrent.futures.Executor
@@ -59,27 +63,34 @@ def register_clouds(
     Result
         `T` maps the source into the target's frame. `num_inliers` of `num_rows` thinned points of both clouds lie in
         the other's surface. `status` is `AMBIGUOUS` if a clearly different answer does nearly as well (see
-        `alternatives`), `LOW_SUPPORT` if too little of the clouds coincides.
+        `alternatives`), `LOW_SUPPORT` if too little of the clouds coincides; then `info["remarks"]` says if they are of
+        very different sizes, as in different units.
 
     Raises
     ------
     ValueError, TypeError
         If an array is not (n, 3) numbers; the message names it.
     """
-    problem, clock = OrientedRegistration(), Stopwatch()
+    problem = OrientedRegistration()
     given = {"samples": samples, "sample_size": sample_size, "workers": workers, "rng": rng, "progress": progress}
-    settings = Settings.of("register_clouds", given).fitting(problem)
-    seed = canonical_seed(rng)
+    settings = replace(Settings.of("register_clouds", given).fitting(problem), rng=canonical_seed(rng))
     a, dropped_source = _finite_cloud(source, "source")
     b, dropped_target = _finite_cloud(target, "target")
     info = {
-        "seed": seed,
+        "seed": settings.rng,
         "version": VERSION,
         "dropped_source": dropped_source,
         "dropped_target": dropped_target,
     }
     if min(len(a), len(b)) < 3:
         return failed(Status.TOO_FEW, Evidence(problem), info)
+    return _registered(a, b, problem, settings, info)
+
+
+@quiet
+def _registered(a: Array, b: Array, problem: OrientedRegistration, settings: Settings, info: dict[str, Any]) -> Result:
+    """The registration of clouds of finite points."""
+    clock = Stopwatch()
     frame = CommonFrame.of(a, b)
     full_source, full_target = frame.normalised(a, frame.source_origin), frame.normalised(b, frame.target_origin)
     info |= {"stray_source": len(a) - len(full_source), "stray_target": len(b) - len(full_target)}
@@ -96,19 +107,27 @@ def register_clouds(
         noise=Noise.within(overlap.reach).sigma,
         rule=TruncatedLp(1.0),
         refine=SurfaceRefiner(overlap, full_source, full_target),
-        rng=seed,
     )
     result = run(pairs, problem, estimator, settings, Agreement(overlap.reach))
     seconds = clock.laps | result.info["seconds"]
     if not result.success:  # harder than it looked: all samples, and twice the candidates in each
         result = run(pairs, problem, estimator.with_budget(2), settings)
         seconds |= {stage: seconds[stage] + again for stage, again in result.info["seconds"].items()}
-    return frame.restore(replace(result, info=result.info | info | {"seconds": seconds}))
+    result = replace(result, info=result.info | info | {"seconds": seconds})
+    return frame.restore(result if result.success else _with_remarks(result, frame.remarks()))
+
+
+def _with_remarks(result: Result, remarks: tuple[str, ...]) -> Result:
+    """An answer to clouds that are sound, but seem to be in different units."""
+    if not remarks:
+        return result
+    status = Status.LOW_SUPPORT if result.status is Status.DEGENERATE else result.status
+    return replace(result, status=status, info=result.info | {"remarks": (*result.remarks, *remarks)})
 
 
 def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:
     """The finite points as float64, and how many were dropped."""
-    array = points_argument(points, name, 3)
+    array = points_argument(points, name, 3, organised=True)
     finite = np.isfinite(array).all(axis=1)
     dropped = int(len(array) - finite.sum())
     warn_dropped(dropped, len(array), f"{name} points", stacklevel=4)

@@ -14,9 +14,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from nonsac.calls.registry import CALLS, Call
+from nonsac.cameras.unreadable import chosen_cameras
+from nonsac.files.content import may_end_process
 from nonsac.result import Result
-from nonsac.running.executors import Workers, parsed, width_of
-from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses
+from nonsac.running.executors import Workers, parsed, waited_for, width_of
+from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses, can_spawn
 from nonsac.seeds import canonical_seed
 
 __all__ = ["Job", "WorkerDied", "estimate_many"]
@@ -118,8 +120,9 @@ def estimate_many(
         given back, so that their number does not matter.
     workers : None, int, concurrent.futures.Executor, Dask client or str
         One process for each core, this many processes, or an executor; a Dask client, "dask" or a scheduler's address
-        as for the calls. With 1, all runs in the calling process. A script that uses processes needs
-        `if __name__ == "__main__":`.
+        as for the calls. With 1, all runs in the calling process, except jobs of LAS, Parquet, Arrow and HDF5 files,
+        of which a damaged one may end the process that reads it: these run in another one, unless the script lacks the
+        following. A script that uses processes needs `if __name__ == "__main__":`.
     time_limit : float, optional
         Seconds for each job, handed on to the calls that take it: all but `register_clouds`.
     progress : callable, optional
@@ -159,11 +162,12 @@ def run_many(
     """The task's answer for each job, or the exception, in the order of the jobs."""
     with _pool(workers) as pool:
         if pool is None:
-            for job in map(_checked, jobs):
-                yield job, _settled(partial(task, job))
+            with _Apart() as apart:
+                for job in map(_checked, jobs):
+                    yield job, _settled(partial(apart.run, task, job))
             return
         for job, future in _ahead(task, map(_checked, jobs), pool):
-            yield job, _settled(future.result)
+            yield job, _settled(partial(waited_for, future, pool))
 
 
 def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -> Iterator[tuple[Job, Future[Answer]]]:
@@ -179,6 +183,27 @@ def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -
     finally:
         for _, future in pending:
             future.cancel()
+
+
+class _Apart:
+    """Runs jobs in this process, except those of files whose libraries can end it: these, if it can be, in another."""
+
+    def __init__(self) -> None:
+        self._pool: WorkerProcesses | None = None
+
+    def __enter__(self) -> _Apart:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def run(self, task: Callable[[Job], Answer], job: Job) -> Answer:
+        if not any(may_end_process(path) for path in job.data if _is_path(path)) or not can_spawn((task, job)):
+            return task(job)
+        self._pool = self._pool or WorkerProcesses(1)
+        answer: Answer = self._pool.submit(task, job).result()
+        return answer
 
 
 def _settled(answer: Callable[[], Answer]) -> Answer | Exception:
@@ -236,9 +261,8 @@ def _read(call: Call, paths: tuple[Any, ...], settings: dict[str, Any]) -> tuple
     if call.layout is None:
         return tuple(map(read_cloud, paths))
     opened = open_matches(call.layout, paths, [settings.pop(name, None) for name in call.images])
-    for name, camera in zip(call.cameras, opened.cameras, strict=False):
-        if settings.get(name) is None:
-            settings[name] = camera
+    cameras = chosen_cameras([settings.get(name) for name in call.cameras], opened.cameras)
+    settings.update(zip(call.cameras, cameras, strict=False))
     if settings.get("weights") is None:
         return (opened.source,)
     chunks = opened.source.chunks(2**20)  # weights given besides replace those of the file

@@ -1,7 +1,12 @@
-"""The command line. Results go to stdout, everything else to stderr; exit 0 trusted, 1 not trusted, 2 bad input."""
+"""The command line. Results go to stdout, everything else to stderr.
+
+Exit 0: trusted. 1: not trusted. 2: bad input. 3: an unexpected error. 130 and 143: interrupted, or told to end.
+"""
 
 from __future__ import annotations
 
+import sys
+import traceback
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -15,19 +20,25 @@ from nonsac.cli.poses import absolute_pose, relative_pose
 from nonsac.cli.registration import demo, register_clouds, register_pairs
 from nonsac.cli.reproduce import section5, table2, table4
 from nonsac.cli.simulate import simulate
+from nonsac.cli.streams import unbroken_streams
+from nonsac.cli.termination import Terminated, termination_raised
 from nonsac.cli.warmup import warmup
 
 # Click's own type, which newer versions of typer carry inside themselves.
 _UsageError: Any = typer.BadParameter.__bases__[0]
 
-_INTERRUPTED = 130
+_UNEXPECTED, _INTERRUPTED = 3, 130
+_DEBUG = "--debug"
 
-_SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}
+_SETTINGS: dict[str, Any] = {
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["--help", "-h"]},
+}
 app = typer.Typer(help="Robust geometric estimation from data too large or too dirty for anything else.", **_SETTINGS)
 commands = (register_clouds, register_pairs, relative_pose, absolute_pose, batch, plan, simulate, demo, warmup)
 for command in commands:
     app.command()(command)
-reproduce = typer.Typer(help="Run the paper's experiments.", **_SETTINGS)
+reproduce = typer.Typer(help="Run the paper's experiments.", add_completion=False, **_SETTINGS)
 for experiment in (table2, table4, section5):
     reproduce.command()(experiment)
 app.add_typer(reproduce, name="reproduce")
@@ -44,10 +55,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit code: 0 trusted, 1 not trusted, 2 bad usage or input, 130 interrupted.
+        The exit code: 0 trusted, 1 not trusted, 2 bad usage or input, 3 an unexpected error, 130 interrupted, 143
+        told to end.
     """
+    words, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
+    with unbroken_streams(), termination_raised():
+        try:
+            return _run(words)
+        except Terminated as signal:
+            to_stderr("told to end")
+            return signal.exit_code
+        except Exception as error:
+            if debug:
+                traceback.print_exc()
+            to_stderr(_unexpected(error, debug))
+            return _UNEXPECTED
+
+
+def _run(arguments: Sequence[str]) -> int:
     try:
         code = int(app(arguments, prog_name="nonsac", standalone_mode=False) or 0)
+        sys.stdout.flush()  # while a full disk can still be told
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
     except _UsageError as error:
@@ -64,6 +92,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
+    """The arguments without --debug, which may stand anywhere."""
+    words = list(arguments)
+    end = words.index("--") if "--" in words else len(words)
+    return [word for word in words[:end] if word != _DEBUG] + words[end:], _DEBUG in words[:end]
+
+
+def _unexpected(error: Exception, debug: bool) -> str:
+    if isinstance(error, MemoryError):
+        reason = f"not enough memory ({error})" if str(error) else "not enough memory"
+    else:
+        reason = f"unexpected error: {type(error).__name__}: {error}"
+    return reason if debug else f"{reason} ({_DEBUG} shows where)"
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
@@ -78,6 +121,7 @@ def _nonsac(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
+    debug: Annotated[bool, typer.Option(_DEBUG, help="Show where an unexpected error came from.")] = False,
 ) -> None:
     _help_without_command(context)
 

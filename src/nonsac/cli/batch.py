@@ -16,6 +16,7 @@ from nonsac.calls.registry import CALLS
 from nonsac.cli.messages import to_stderr
 from nonsac.cli.options import Quiet, positive
 from nonsac.cli.session import session
+from nonsac.files.identity import identity_of
 
 if TYPE_CHECKING:
     from nonsac.calls.jobs import Job
@@ -69,6 +70,7 @@ def batch(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where a run with the same manifest and output was stopped.")
     ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an output that is complete.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run many pairs, each on one process; one that fails never stops the others.
@@ -78,19 +80,23 @@ def batch(
     A run that was stopped goes on with --resume, and ends with the same file, byte for byte, as one that was not.
     """
     journal = output.with_name(output.name + ".partial")
-    _check_output(manifest, output, journal, resume)
+    _check_output(manifest, output)
+    _check_progress(output, journal, resume, overwrite)
     with session(quiet, "pairs") as progress:
         from nonsac.calls import jobs as many
         from nonsac.cli.manifest import Manifest
 
         pairs = Manifest.read(manifest, call)
+        _check_inputs(output, pairs)
         if time_limit is not None and "register-clouds" in pairs.calls:
             to_stderr("register-clouds takes no time limit: its pairs run to their end")
         with _open(journal, pairs, time_limit, resume) as kept:
             try:
-                task = _Summarise(time_limit)
-                for job, line in many.run_many(task, _after(pairs.jobs(), kept.count), workers):
-                    kept.add(line if isinstance(line, dict) else _failure(job, line))
+                missing = [number for number in range(pairs.count) if number not in kept]
+                jobs = (job for number, job in enumerate(pairs.jobs()) if number not in kept)
+                outcomes = many.run_many(_Summarise(time_limit), jobs, workers)
+                for number, (job, line) in zip(missing, outcomes, strict=True):
+                    kept.add(number, line if isinstance(line, dict) else _failure(job, line))
                     progress(kept.count, pairs.count)
             except BaseException:
                 to_stderr(f"{kept.count} of {pairs.count} pairs are kept in {journal}; --resume goes on there")
@@ -103,7 +109,7 @@ def batch(
     raise typer.Exit(0 if trusted else 1)
 
 
-def _check_output(manifest: Path, output: Path, journal: Path, resume: bool) -> None:
+def _check_output(manifest: Path, output: Path) -> None:
     from nonsac.files.atomic import check_target
 
     if output.suffix.lower() not in _SUFFIXES:
@@ -114,16 +120,33 @@ def _check_output(manifest: Path, output: Path, journal: Path, resume: bool) -> 
         from nonsac.files.parquet import import_parquet
 
         import_parquet(output)
-    if output.resolve() == manifest.resolve():
+    if identity_of(output) == identity_of(manifest):
         raise _bad("--output", f"{output} is the manifest")
     try:
         check_target(output)
     except ValueError as error:
         raise _bad("--output", str(error)) from error
-    if resume and not journal.exists():
-        if output.exists():
+
+
+def _check_progress(output: Path, journal: Path, resume: bool, overwrite: bool) -> None:
+    """Refuse to replace what is complete; say if there is nothing to resume."""
+    nothing = resume and not journal.exists()
+    if output.exists() and not overwrite:
+        if nothing:
             raise _bad("--resume", f"{output} is complete, and nothing is left to resume; remove it to run all anew")
+        raise _bad("--output", f"{output} is there already; --overwrite replaces it")
+    if nothing:
         to_stderr(f"nothing to resume at {journal}: starting anew")
+
+
+def _check_inputs(output: Path, pairs: Manifest) -> None:
+    """Refuse to replace the data of a pair."""
+    if not output.exists():
+        return
+    replaced = identity_of(output)
+    for job in pairs.jobs():
+        if replaced in map(identity_of, job.data):
+            raise _bad("--output", f"{output} is read for the pair {job.name!r}")
 
 
 def _bad(option: str, message: str) -> typer.BadParameter:
@@ -135,11 +158,12 @@ def _open(path: Path, pairs: Manifest, time_limit: float | None, resume: bool) -
     from nonsac.running.journal import Journal
 
     settings = {"manifest": pairs.digest[:16], "--call": pairs.call, "--time-limit": time_limit, "version": VERSION}
-    return Journal(path, settings, resume, "pairs", lambda record: record["success"])
 
+    def check(position: int, record: Any) -> None:
+        if not 0 <= position < pairs.count or not {"success", "status", "error"} <= record.keys():
+            raise ValueError("a pair")
 
-def _after(jobs: Iterator[Job], done: int) -> Iterator[Job]:
-    return (job for number, job in enumerate(jobs) if number >= done)
+    return Journal(path, settings, resume, "pairs", check)
 
 
 # --- what is written for a pair ------------------------------------------------------------
@@ -161,7 +185,9 @@ class _Summarise:
 
 
 def _failure(job: Job, error: Exception) -> dict[str, Any]:
+    """What is written of a pair that could not be run; it is said at once, too."""
     message = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    to_stderr(f"{job.name}: failed: {message}")
     nothing = dict.fromkeys(_FACTS) | {"success": False}
     return _named(job) | nothing | {"remarks": [], "error": " ".join(message.split())}
 

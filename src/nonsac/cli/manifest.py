@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,11 +17,13 @@ import typer
 from nonsac.calls.registry import CALLS, Call
 from nonsac.cli.inputs import image_of
 from nonsac.cli.options import camera_of
+from nonsac.files.content import check_regular
 
 if TYPE_CHECKING:
     from nonsac.calls.jobs import Job
 
 _SUFFIXES = (".csv", ".jsonl")
+_ONE_OBJECT = "write one object of names, and strings or numbers, in a line"
 
 
 def columns_of(call: Call) -> tuple[str, ...]:
@@ -68,6 +71,7 @@ def _jobs(path: Path, call: str | None) -> Iterator[Job]:
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(f"{path}: a manifest is {' or '.join(_SUFFIXES)}; end the name in one of these")
+    check_regular(path)
     rows = _csv_rows(path) if suffix == ".csv" else _json_rows(path)
     for number, (line, row) in enumerate(rows, 1):
         try:
@@ -98,10 +102,12 @@ def _json_rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
                 continue
             try:
                 row = json.loads(text)
+            except RecursionError:
+                raise ValueError(f"{path}, line {line}: is nested too deeply; {_ONE_OBJECT}") from None
             except ValueError as error:
                 raise ValueError(f"{path}, line {line}: is no JSON ({error})") from error
             if not isinstance(row, dict) or any(isinstance(cell, (dict, list, bool)) for cell in row.values()):
-                raise ValueError(f"{path}, line {line}: write one object of names, and strings or numbers, in a line")
+                raise ValueError(f"{path}, line {line}: {_ONE_OBJECT}")
             yield line, {name: "" if cell is None else str(cell) for name, cell in row.items()}
 
 
@@ -143,4 +149,4 @@ def _cell(call: Call, column: str, text: str, folder: Path) -> Any:
 def _camera(text: str, folder: Path) -> Any:
     """Many pairs share one."""
     file = folder / text
-    return camera_of(str(file) if file.is_file() else text)
+    return camera_of(str(file) if os.path.isfile(file) else text)

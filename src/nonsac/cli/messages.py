@@ -14,7 +14,8 @@ def to_stdout(text: str) -> None:
 
 def to_stderr(message: str) -> None:
     """One line on stderr."""
-    typer.echo(f"nonsac: {' '.join(message.split())}", err=True)
+    line = " ".join(message.split()).replace("\0", "\\0")
+    typer.echo(f"nonsac: {line}", err=True)
 
 
 def wrote(path: Path, what: str, quietly: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from nonsac.cli.messages import to_stderr, to_stdout, wrote
+from nonsac.files.identity import identity_of
 
 if TYPE_CHECKING:
     from nonsac.result import Result
@@ -33,14 +33,14 @@ class Outputs:
         """Refuse unknown suffixes, missing folders, and the same path twice; `inputs` are names and paths."""
         from nonsac.files.atomic import check_target
 
-        taken = {os.path.realpath(path): name for name, path in inputs if path is not None}
+        taken = {identity_of(path): name for name, path in inputs if path is not None}
         for option, path, check_suffix in self._wanted():
             try:
                 check_suffix(path)
                 check_target(path)
             except ValueError as error:
                 raise typer.BadParameter(str(error), param_hint=repr(option)) from error
-            other = taken.setdefault(os.path.realpath(path), option)
+            other = taken.setdefault(identity_of(path), option)
             if other != option:
                 raise typer.BadParameter(f"{path} is already used for {other}", param_hint=repr(option))
 

@@ -205,7 +205,7 @@ class _Pair(Flow):
         inliers = np.asarray(self.opened.indices)[result.inliers]
         io.write_two_view_geometry(path, image1, image2, result.T, inliers)
         told = f"the two-view geometry of {' and '.join(images)}, {len(inliers):,} matches"
-        wrote(path, told, self.options.as_json)
+        wrote(path, told, self.options.silent)
 
 
 @dataclass

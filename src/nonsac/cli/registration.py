@@ -152,7 +152,7 @@ class _TwoClouds(Flow):
 
         source = self.source_points()
         write_cloud(path, result.apply(source))
-        wrote(path, f"the {len(source):,} source points moved by T", self.options.as_json)
+        wrote(path, f"the {len(source):,} source points moved by T", self.options.silent)
 
     def source_points(self) -> Array:
         """All points of the source."""
@@ -218,7 +218,7 @@ class _Demo(_TwoClouds):
 
         self.scans = simulate.demo_scans(self.options.settings["rng"])
         if self.folder is not None:
-            _write_scans(self.folder, self.scans, self.options.as_json)
+            _write_scans(self.folder, self.scans, self.options.silent)
         self.clouds = self.scans.source, self.scans.target
         return self.clouds
 

@@ -47,7 +47,7 @@ def table4(
     quiet: Quiet = False,
 ) -> None:
     """Registration without correspondences: the paper's rules, and our own pipeline, on 250,000 hypothesised pairs."""
-    files = Files(json_file, picture)
+    files = Files(json_file, picture, quiet)
     files.check(("--cloud", cloud))
     with session(quiet, "trials") as progress:
         from nonsac.reproduce import table4 as experiment
@@ -80,7 +80,7 @@ def table2(
     """All scoring rules on three simulated problems, over outlier ratios and noise levels."""
     if more_samples and not samples:
         raise typer.BadParameter(f"unexpected argument {more_samples[0]}; numbers of samples follow --samples")
-    files = Files(json_file, picture)
+    files = Files(json_file, picture, quiet)
     files.check()
     journal = files.journal(resume)
     with session(quiet, "trials") as progress:
@@ -105,7 +105,7 @@ def section5(
     quiet: Quiet = False,
 ) -> None:
     """What the number of samples and their size do to each scoring rule."""
-    files = Files(json_file, picture)
+    files = Files(json_file, picture, quiet)
     files.check()
     journal = files.journal(resume)
     with session(quiet, "trials") as progress:
@@ -135,6 +135,7 @@ class Files:
 
     json_file: Path | None
     picture: Path | None
+    quiet: bool = False
 
     @property
     def to_stdout(self) -> bool:
@@ -173,7 +174,7 @@ class Files:
             from nonsac.files.atomic import write_atomically
 
             write_atomically(self.report, lambda temporary: temporary.write_text(text + "\n", encoding="utf-8"))
-            wrote(self.report, "all numbers", self.to_stdout)
+            wrote(self.report, "all numbers", self.to_stdout or self.quiet)
         if self.picture is not None:
             draw(self.picture, report)
-            wrote(self.picture, "the picture", self.to_stdout)
+            wrote(self.picture, "the picture", self.to_stdout or self.quiet)

@@ -34,6 +34,11 @@ class Options:
     as_json: bool
     quiet: bool
 
+    @property
+    def silent(self) -> bool:
+        """Whether stdout is for the result alone, so that no file is mentioned there that was written."""
+        return self.as_json or self.quiet
+
 
 class Flow(ABC):
     """What a command does in its own way."""
@@ -78,7 +83,7 @@ def run(flow: Flow, call: Call, options: Options) -> None:
             result = call.function(*data, **options.settings, progress=progress)
     show(result, *flow.described(result), options.as_json)
     draw = None if options.outputs.picture is None else flow.drawing(result)
-    options.outputs.write(result, draw, options.as_json)
+    options.outputs.write(result, draw, options.silent)
     flow.finish(result)
     raise exit_code(result)
 

@@ -46,10 +46,11 @@ def progress_bar(quiet: bool, unit: str) -> Iterator[Progress]:
     if quiet or not sys.stderr.isatty():
         yield lambda done, total: None
         return
+    from rich import progress as parts
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    numbers = parts.MofNCompleteColumn(), parts.TimeElapsedColumn()
+    columns = parts.TextColumn(unit), parts.BarColumn(), *numbers, parts.TimeRemainingColumn(), parts.TextColumn("left")
+    with parts.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(unit, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

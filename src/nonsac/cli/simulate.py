@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +12,7 @@ import typer
 from nonsac.cli.messages import to_stdout
 from nonsac.cli.options import Quiet, Seed
 from nonsac.cli.session import session
+from nonsac.files.identity import identity_of
 
 if TYPE_CHECKING:
     from nonsac.layouts import Array
@@ -112,7 +112,7 @@ def _check_truth(truth: Path | None, output: Path) -> None:
     if truth.suffix.lower() in (".npy", ".parquet"):
         problem = f"{truth}: T is written as text; end the name in .txt or .json"
         raise typer.BadParameter(problem, param_hint="'--truth'")
-    if os.path.realpath(truth) == os.path.realpath(output):
+    if identity_of(truth) == identity_of(output):
         raise typer.BadParameter(f"{truth} is already used for --output", param_hint="'--truth'")
 
 

@@ -21,7 +21,7 @@ from nonsac.problems import Registration
 from nonsac.problems.fits import reweighted_fit
 from nonsac.problems.pose import homogeneous
 from nonsac.result import Hypothesis
-from nonsac.running.executors import cores
+from nonsac.running.openmp import openmp_threads
 
 _MOST_COINCIDING = 20_000
 
@@ -123,7 +123,7 @@ def align_finely(source: Array, target: Array, model: Array, reach: float, point
     for cloud in (source, target):
         prepared = small_gicp.PointCloud(thin_to(cloud, points))
         tree = small_gicp.KdTree(prepared)
-        threads = cores() if prepared.size() > 2000 else 1  # starting threads costs more than they save on few points
+        threads = openmp_threads() if prepared.size() > 2000 else 1  # on few points they cost more than they save
         small_gicp.estimate_covariances(prepared, tree, neighbor_count(prepared.size(), 20), num_threads=threads)
         clouds.append((prepared, tree))
     (moving, _), (fixed, tree) = clouds

@@ -1,16 +1,23 @@
 """Read NumPy files, and check the shape and type of arrays."""
 
+import math
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
+from typing import IO, Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from nonsac.files.content import read_content
+from nonsac.files.claims import check_expansion
+from nonsac.files.content import check_kind, read_content
 from nonsac.files.errors import FilePath, input_error
+from nonsac.files.npy import HEAD_LENGTH, NpyHeader, parse_npy_header, read_npy_head
+from nonsac.files.positioned import PositionedFile
 
 
 def load_npy(path: FilePath) -> NDArray[Any]:
@@ -22,6 +29,8 @@ def load_npy(path: FilePath) -> NDArray[Any]:
         If the file cannot be read, is no NPY file, is truncated, or holds pickled objects.
     """
     content = read_content(path, "NumPy array")
+    header = parse_npy_header(path, content[:HEAD_LENGTH])
+    _check_whole(path, header, len(content))
     array: NDArray[Any] = _load(path, lambda: np.load(BytesIO(content), allow_pickle=False))
     return array
 
@@ -34,29 +43,61 @@ class Archive:
     ----------
     path
         The file.
-    names
-        The keys of its arrays.
+    size
+        Its bytes.
     members
-        What NumPy made of the file.
+        The members of the archive by the keys of their arrays.
+    archive
+        What Python made of the file.
     """
 
     path: FilePath
-    names: tuple[str, ...]
-    members: Mapping[str, Any]
+    size: int
+    members: Mapping[str, ZipInfo]
+    archive: ZipFile
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The keys of its arrays."""
+        return tuple(self.members)
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """The shape of an array by its key, of which only the header is read; () of what is no array."""
+        if not self.members[name].filename.endswith(".npy"):
+            return ()
+        return self._header(name).shape
 
     def load(self, name: str) -> NDArray[Any]:
         """Load an array by its key."""
-        # What is no NPY file within the archive comes as bytes.
-        return np.asarray(_load(self.path, lambda: self.members[name]))
+        header, member = self._header(name), self.members[name]
+        _check_whole(self.path, header, member.file_size)
+        fix = "save it uncompressed, with numpy.savez"
+        numbers = max(math.prod(header.shape), (member.file_size + 7) // 8)
+        check_expansion(self.path, f"the array {name}", numbers, self.size, fix)
+        with self._opened(name) as file:
+            array: NDArray[Any] = _load(self.path, lambda: npy.read_array(file, allow_pickle=False))
+        return array
 
     def load_only(self, widths: Sequence[int], fix: str) -> NDArray[np.float64]:
         """Load the only array of shape (n, width) for one of the widths; `fix` ends the message if it is not one."""
-        arrays = [self.load(name) for name in self.names]
-        fitting = [array for array in arrays if array.ndim == 2 and array.shape[1] in widths]
+        fitting = [name for name in self.names if len(shape := self.shape(name)) == 2 and shape[1] in widths]
         if len(fitting) != 1:
             problem = f"cannot tell which array to use (its keys are: {', '.join(self.names) or 'none'})"
             raise input_error(self.path, problem, fix)
-        return as_rows(self.path, fitting[0], fitting[0].shape[1])
+        array = self.load(fitting[0])
+        return as_rows(self.path, array, array.shape[1])
+
+    def _header(self, name: str) -> NpyHeader:
+        with self._opened(name) as file:
+            return parse_npy_header(self.path, _load(self.path, lambda: read_npy_head(file)))
+
+    def _opened(self, name: str) -> IO[bytes]:
+        member = self.members[name]
+        if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+            problem = f"its member {member.filename} is compressed in a way that NumPy does not write"
+            raise input_error(self.path, problem, "save it again, with numpy.savez")
+        file: IO[bytes] = _load(self.path, lambda: self.archive.open(member))
+        return file
 
 
 @contextmanager
@@ -66,11 +107,14 @@ def open_npz(path: FilePath) -> Iterator[Archive]:
     Raises
     ------
     InputError
-        If the file cannot be read, is no NPZ file or is damaged; on loading, also if it holds pickled objects.
+        If the file cannot be read, is no NPZ file or is damaged; on loading, also if it holds pickled objects or
+        would expand beyond measure.
     """
-    content = read_content(path, "NumPy archive")
-    with _load(path, lambda: np.load(BytesIO(content), allow_pickle=False)) as members:
-        yield Archive(path, tuple(members), members)
+    check_kind(path, "NumPy archive")
+    size = PositionedFile(path).size
+    with _load(path, lambda: ZipFile(path)) as archive:
+        members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+        yield Archive(path, size, members, archive)
 
 
 def load_npz(path: FilePath, wanted: Sequence[tuple[str, ...]], width: int) -> list[NDArray[np.float64]]:
@@ -136,9 +180,20 @@ def as_rows(path: FilePath, array: NDArray[Any], width: int) -> NDArray[np.float
     raise input_error(path, problem, f"save one point per row, in {width} columns")
 
 
+def _check_whole(path: FilePath, header: NpyHeader, size: int) -> None:
+    """Check that so many bytes, header and all, hold the array that the header promises."""
+    held = header.rows_in(size)
+    if held < header.rows:
+        problem = f"is truncated or damaged (its header promises {header.rows} rows, it holds {held})"
+        raise input_error(path, problem, "copy or save the file again")
+
+
 def _load(path: FilePath, load: Callable[[], Any]) -> Any:
     try:
-        return load()
+        # NumPy warns if Python 2 has written the header of an array.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return load()
     # NumPy passes on the errors of zipfile, zlib and tokenize, which share no type.
     except Exception as error:
         if "allow_pickle" in str(error):

@@ -1,5 +1,6 @@
 """Write files so that a reader sees either the old content or the whole new one."""
 
+import errno
 import os
 import secrets
 from collections.abc import Callable
@@ -23,8 +24,8 @@ def write_atomically(path: FilePath, writer: Callable[[Path], object]) -> None:
     InputError
         If the folder is missing, the target is not a regular file, or the system refuses to write.
     """
-    target = Path(os.path.realpath(path))
     check_target(path)
+    target = Path(os.path.realpath(path))
     # Not from tempfile: it would give the final file the mode 0600 instead of the user's umask.
     temporary = target.with_name(f".nonsac-{secrets.token_hex(8)}{target.suffix}")
     try:
@@ -44,8 +45,9 @@ def check_target(path: FilePath) -> None:
     Raises
     ------
     InputError
-        If the folder is missing or write-protected, or the target is not a regular file.
+        If the folder is missing or write-protected, the target is not a regular file, or its name cannot be one.
     """
+    _check_name(path)
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise input_error(path, f"the folder {target.parent} does not exist", "create it first")
@@ -53,6 +55,16 @@ def check_target(path: FilePath) -> None:
         raise input_error(path, "is a folder or a device, not a file", "give the name of a file")
     if not os.access(target.parent, os.W_OK):
         raise input_error(path, f"the folder {target.parent} is write-protected", "choose another one")
+
+
+def _check_name(path: FilePath) -> None:
+    try:
+        os.stat(path)
+    except ValueError as error:  # a NUL character, or one that the file system cannot spell
+        raise input_error(path, f"cannot be the name of a file ({error})", "correct the path") from error
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise input_error(path, "the name is too long for the system", "shorten it") from error
 
 
 def _flush_to_disk(path: Path) -> None:

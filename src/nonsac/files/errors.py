@@ -1,10 +1,12 @@
 """The error that users see when an input file cannot be used."""
 
+import os
 from collections.abc import Sequence
 from os import PathLike
 
 FilePath = str | PathLike[str]
 _NAMES_SHOWN = 4
+_LETTERS_SHOWN = 300
 
 
 class InputError(ValueError):
@@ -28,7 +30,10 @@ def input_error(path: FilePath, problem: str, fix: str) -> InputError:
     InputError
         The error, for the caller to raise.
     """
-    return InputError(" ".join(f"{path}: {problem}; {fix}".split()))
+    name = os.fspath(path).replace("\0", "\\0")
+    if len(name) > _LETTERS_SHOWN:
+        name = f"{name[: _LETTERS_SHOWN // 2]}...{name[-_LETTERS_SHOWN // 2 :]}"
+    return InputError(" ".join(f"{name}: {problem}; {fix}".split()))
 
 
 def library_missing(path: FilePath, files: str, library: str, extra: str) -> InputError:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from nonsac.files.content import unreadable
+from nonsac.files.content import check_regular, unreadable
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing
 
 Choice = TypeVar("Choice")
@@ -41,6 +41,7 @@ def listed_files(paths: FilePath | Sequence[FilePath], suffixes: Sequence[str]) 
 def open_file(path: str) -> Any:
     """The file, to be read by pyarrow, h5py or the like."""
     if not is_url(path):
+        check_regular(path)
         return open(path, "rb", buffering=0)
     fs, name = _file_system(path)
     return fs.open(name, "rb", cache_type="none")  # its readers ask for what they need, and for no more
@@ -71,8 +72,7 @@ def stamp_of(path: str) -> Stamp | None:
     """What changes if a file on this machine does: its size and the time of its last change."""
     if is_url(path):
         return None
-    with file_errors(path):
-        status = os.stat(path)
+    status = check_regular(path)
     return status.st_size, status.st_mtime_ns
 
 
@@ -173,7 +173,7 @@ def choose_by_suffix(path: FilePath, choices: dict[str, Choice]) -> Choice:
     suffix = Path(path).suffix.lower()
     if suffix in choices:
         return choices[suffix]
-    if Path(path).is_dir():
+    if os.path.isdir(path):
         raise unreadable(path, IsADirectoryError())
     problem = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
     raise input_error(path, problem, f"use one of {', '.join(choices)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 import threading
 import weakref
 from collections.abc import Iterable
@@ -11,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.files.content import unreadable
+from nonsac.files.content import check_regular, unreadable
 from nonsac.files.errors import FilePath, InputError, input_error
 
 # Two reads cost more than one that takes along so many bytes between them.
@@ -32,14 +31,7 @@ class PositionedFile:
 
     def __init__(self, path: FilePath) -> None:
         self.name, self.path = os.fspath(path), os.path.abspath(path)
-        try:
-            status = os.stat(self.path)
-        except OSError as error:
-            raise unreadable(self.name, error) from error
-        if stat.S_ISDIR(status.st_mode):
-            raise unreadable(self.name, IsADirectoryError())
-        if not stat.S_ISREG(status.st_mode):
-            raise input_error(self.name, "is no regular file", "copy what it gives to a file on disk")
+        status = check_regular(self.name)
         if not status.st_size:
             raise input_error(self.name, "the file is empty", "write or copy it again")
         self.size, self.changed = status.st_size, status.st_mtime_ns

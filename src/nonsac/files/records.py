@@ -6,33 +6,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.files.column_names import find_places, shown
 from nonsac.files.errors import FilePath, InputError, input_error
+
+_NAME_THEM = "name the coordinates x, y and z"
 
 
 def find_axes(path: FilePath, names: Sequence[str]) -> list[int]:
-    """Return the positions of x, y and z among names.
+    """Return the positions of x, y and z among names, or of what else these are usually called.
 
     Raises
     ------
     InputError
-        If one of them is missing.
+        If one of them is missing, or several could be meant.
     """
-    return find_columns(path, names, "xyz", "name the coordinates x, y and z")
-
-
-def find_columns(path: FilePath, names: Sequence[str], wanted: Sequence[str], fix: str) -> list[int]:
-    """Return the positions of the wanted names among names.
-
-    Raises
-    ------
-    InputError
-        If one of them is missing; `fix` ends its message.
-    """
-    missing = [name for name in wanted if name not in names]
-    if missing:
-        problem = f"the header names no {', '.join(missing)} (it names {', '.join(names) or 'nothing'})"
-        raise input_error(path, problem, fix)
-    return [names.index(name) for name in wanted]
+    try:
+        places = find_places(names, ("x", "y", "z"))
+    except ValueError as error:
+        raise input_error(path, f"the header is not clear: {error}", _NAME_THEM) from None
+    found = [place for place in places if place is not None]
+    if len(found) < len(places):
+        missing = ", ".join(axis for axis, place in zip("xyz", places, strict=True) if place is None)
+        held = shown(names, ", ") or "nothing"
+        raise input_error(path, f"the header names no {missing} (it names {held})", _NAME_THEM)
+    return found
 
 
 def unpack_columns(

@@ -11,12 +11,13 @@ from nonsac.files.atomic import write_atomically
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.las import read_las
 from nonsac.files.paths import choose_by_suffix
-from nonsac.files.records import find_axes, truncated
+from nonsac.files.pipes import TEXT_SUFFIXES as TEXT_SUFFIXES
+from nonsac.files.pipes import is_stream
+from nonsac.files.records import find_axes
 from nonsac.files.text import EXACT, read_table
 from nonsac.io.pcd import read_pcd, write_pcd
 from nonsac.io.ply import read_ply, write_ply
 
-TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 Reader = Callable[[FilePath], NDArray[np.float64]]
 Writer = Callable[[Path, NDArray[np.float64]], None]
 
@@ -29,7 +30,8 @@ def read_cloud(path: FilePath) -> NDArray[np.float64]:
     path
         A file that ends in .ply, .pcd, .xyz, .txt, .csv, .asc, .pts, .npy, .npz, .las or .laz. An NPZ file
         holds the points under the key ``points`` or ``xyz``, or as its only array of shape (n, 3). In text,
-        the points are the columns x, y and z of the header, or the first three.
+        the points are the columns x, y and z of the header (or `x [m]`, Easting, Northing and Height, and the like),
+        or the first three if there is none. Text may also come from standard input (`-`) or a pipe, at most 256 MiB.
 
     Returns
     -------
@@ -40,9 +42,10 @@ def read_cloud(path: FilePath) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If the file cannot be read, is not what its suffix says, is truncated or holds no points.
+        If the file cannot be read, is not what its suffix says, is truncated or holds no points, or if it names its
+        columns and x, y and z are not among them.
     """
-    points = choose_by_suffix(path, READERS)(path)
+    points = _read_text(path) if is_stream(path) else choose_by_suffix(path, READERS)(path)
     if not len(points):
         raise input_error(path, "the file holds no points", "export it again with its points")
     return np.ascontiguousarray(points)
@@ -70,7 +73,11 @@ def write_cloud(path: FilePath, points: ArrayLike) -> None:
 
 
 def _read_npy(path: FilePath) -> NDArray[np.float64]:
-    return as_rows(path, load_npy(path), 3)
+    array = load_npy(path)
+    if array.dtype.names and array.ndim == 1:
+        names = array.dtype.names
+        array = np.column_stack([array[names[axis]] for axis in find_axes(path, names)])
+    return as_rows(path, array, 3)
 
 
 def _read_npz(path: FilePath) -> NDArray[np.float64]:
@@ -79,17 +86,7 @@ def _read_npz(path: FilePath) -> NDArray[np.float64]:
 
 def _read_text(path: FilePath) -> NDArray[np.float64]:
     table = read_table(path)
-    promised = 0
-    # A PTS file starts with the number of its points.
-    if len(row := table.first_row()) == 1 and row[0].isdecimal():
-        promised = int(row[0])
-        table = table.after_first_row()
-    names = table.names or ()
-    axes = find_axes(path, names) if set("xyz") & set(names) else [0, 1, 2]
-    points = table.numbers(axes)
-    if len(points) < promised:
-        raise truncated(path, promised, len(points))
-    return points
+    return table.numbers([0, 1, 2] if table.names is None else find_axes(path, table.names))
 
 
 def _write_text(path: Path, points: NDArray[np.float64]) -> None:

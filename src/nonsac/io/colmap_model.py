@@ -1,10 +1,13 @@
 """Read what an image shows, and where it was taken, from a sparse model of COLMAP."""
 
+import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from nonsac.files.content import unreadable
+from nonsac.cameras.unreadable import camera_or_error, check_readable
+from nonsac.files.content import status_of
 from nonsac.files.errors import FilePath, input_error
 from nonsac.io import colmap_binary, colmap_text
 from nonsac.io.correspondences import PointMatches, Points
@@ -35,10 +38,17 @@ def read_colmap_points(folder: FilePath, image: str | int) -> PointMatches:
         If the files are missing, cannot be read, are truncated or damaged, do not hold the image or do not fit each
         other, or the camera has a model that nonsac does not know.
     """
+    points = points_of_model(folder, image)
+    check_readable(points.camera)
+    return points
+
+
+def points_of_model(folder: FilePath, image: str | int) -> PointMatches:
+    """As `read_colmap_points`, with an `UnreadableCamera` in place of a camera that cannot be read."""
     place, suffix = _find_model(folder)
     reader = _READERS[suffix]
     found = reader.find_image(place / f"images{suffix}", image)
-    camera = reader.find_camera(place / f"cameras{suffix}", found.camera)
+    camera = camera_or_error(partial(reader.find_camera, place / f"cameras{suffix}", found.camera))
     has_point = found.points >= 0
     numbers = found.points[has_point].tolist()
     path = place / f"points3D{suffix}"
@@ -86,11 +96,10 @@ def read_colmap_pose(folder: FilePath, image: str | int) -> Points:
 def _find_model(path: FilePath) -> tuple[Path, str]:
     """Return the folder of a model and the suffix of its files, given the folder or one of the files."""
     given = Path(path)
-    if not given.exists():
-        raise unreadable(path, FileNotFoundError())
-    folder, suffixes = (given, tuple(_READERS)) if given.is_dir() else (given.parent, (given.suffix,))
+    status_of(path)
+    folder, suffixes = (given, tuple(_READERS)) if os.path.isdir(given) else (given.parent, (given.suffix,))
     for suffix in suffixes:
-        if suffix in _READERS and (folder / f"images{suffix}").is_file():
+        if suffix in _READERS and os.path.isfile(folder / f"images{suffix}"):
             return folder, suffix
     problem = "is no model of COLMAP: there is no images.bin or images.txt"
     raise input_error(path, problem, "give the folder of a sparse model, such as sparse/0")

@@ -5,6 +5,7 @@ headers without COUNT, and ASCII rows with two spaces or a tab between values.
 """
 
 import struct
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,13 +83,15 @@ def write_pcd(path: Path, points: NDArray[np.float64]) -> None:
     path.write_bytes(header.encode() + points.astype("<f8").tobytes())
 
 
-def decompress_lzf(data: bytes) -> bytes:
+def decompress_lzf(data: bytes, most: int = sys.maxsize) -> bytes:
     """Undo LZF compression.
 
     Parameters
     ----------
     data
         The compressed bytes.
+    most
+        How many bytes they may have been.
 
     Returns
     -------
@@ -98,11 +101,11 @@ def decompress_lzf(data: bytes) -> bytes:
     Raises
     ------
     IndexError, ValueError
-        If the data are damaged.
+        If the data are damaged, or were more than that.
     """
     output = bytearray()
     position = 0
-    while position < len(data):
+    while position < len(data) and len(output) <= most:
         control = data[position]
         position += 1
         if control < _LITERAL_LIMIT:
@@ -122,6 +125,8 @@ def decompress_lzf(data: bytes) -> bytes:
             # The match reaches into the bytes that it produces itself, and so repeats.
             match = (match * length)[:length]
         output += match
+    if len(output) > most:
+        raise ValueError(f"more than {most} bytes")
     return bytes(output)
 
 
@@ -175,6 +180,8 @@ def _grid_size(fields: dict[str, list[str]]) -> int:
 
 def _read_ascii(path: FilePath, content: bytes, start: int, header: _Header) -> NDArray[np.float64]:
     lines = split_lines(content[start:])
+    if max(header.columns) >= len(content):  # no row is so long
+        raise truncated(path, header.count, 0)
     points = Table(path, lines, content.count(b"\n", 0, start) + 1).numbers(header.columns)
     if len(points) < header.count:
         raise truncated(path, header.count, len(points))
@@ -184,7 +191,7 @@ def _read_ascii(path: FilePath, content: bytes, start: int, header: _Header) -> 
 def _decompress_body(path: FilePath, body: bytes) -> bytes:
     try:
         compressed_size, size = struct.unpack_from("<II", body)
-        data = decompress_lzf(body[8 : 8 + compressed_size])
+        data = decompress_lzf(body[8 : 8 + compressed_size], size)
         if len(data) != size:
             raise ValueError(f"{len(data)} bytes instead of {size}")
     except (struct.error, IndexError, ValueError) as error:

@@ -188,9 +188,9 @@ def _read_binary(
         else:
             start += element.count * element.least_row_size
     if vertex.has_lists:
-        all_starts = list(_property_starts(path, body, start, order, vertex))
-        values = [[_value(body, order, vertex, axis, starts) for axis in axes] for starts in all_starts]
-        return np.array(values, dtype=np.float64).reshape(-1, 3)
+        rows = _property_starts(path, body, start, order, vertex)
+        values = (_value(body, order, vertex, axis, starts) for starts in rows for axis in axes)
+        return np.fromiter(values, np.float64).reshape(-1, 3)
     found = max(len(body) - start, 0) // vertex.least_row_size
     if found < vertex.count:
         raise truncated(path, vertex.count, found)

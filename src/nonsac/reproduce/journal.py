@@ -39,13 +39,12 @@ class Journal:
         """Keep a finished trial."""
         self.trials[position] = trial
         if self._journal is not None:
-            self._journal.add([position, trial.errors, trial.seconds, trial.claimed])
+            self._journal.add(position, [trial.errors, trial.seconds, trial.claimed])
 
-    def _remember(self, record: Any) -> None:
-        position, *parts = record
-        trial = Trial(*({int(m): value for m, value in part.items()} for part in parts))
+    def _remember(self, position: int, record: Any) -> None:
+        trial = Trial(*({int(m): value for m, value in part.items()} for part in record))
         errors = [error for by_rule in trial.errors.values() for error in by_rule.values()]
-        if not isinstance(position, int) or not all(isinstance(error, float) for error in errors):
+        if not all(isinstance(error, float) for error in errors):
             raise TypeError("a trial")
         self.trials[position] = trial
 

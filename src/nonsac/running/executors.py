@@ -7,14 +7,13 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
-from importlib import import_module
-from typing import Any, TypeVar
+from typing import TypeVar
+
+from nonsac.running import dask
+from nonsac.running.reentry import check_not_inherited, is_inside
 
 Outcome = TypeVar("Outcome")
 Workers = int | str | Executor | None
-
-_PATIENCE = 10.0  # seconds between looks at whether a cluster still has workers
-_ADDRESSES = ("tcp://", "tls://", "ucx://", "ws://", "wss://", "inproc://")
 
 
 def ordered_map(
@@ -57,24 +56,27 @@ def parsed(workers: object) -> int | Executor:
         None is one thread for each core; "dask" is the Dask client that this process has made, and an address, as
         "tcp://host:8786", that of a scheduler to connect to.
 
+    Returns
+    -------
+    int or Executor
+        1 in a task of the very executor or cluster: it would wait for a worker while it occupies one.
+
     Raises
     ------
     ValueError
-        If it is something else, or there is no such client or scheduler.
+        If it is something else, or there is no such client or scheduler, or the executor is one of the process that
+        this one was forked from.
     """
     if workers is None:
         return cores()
-    if isinstance(workers, Executor):
-        return workers
     if isinstance(workers, int) and not isinstance(workers, bool) and workers >= 1:
         return workers
-    if isinstance(workers, str) and (workers == "dask" or workers.startswith(_ADDRESSES)):
-        workers = _dask_client(workers)
-    if hasattr(workers, "get_executor"):
-        status = getattr(workers, "status", "running")
-        if status not in ("running", "connecting"):
-            raise ValueError(f"workers is a Dask client that is {status}; make a new one")
-        return workers.get_executor(pure=False)
+    pool = workers if isinstance(workers, Executor) else dask.executor_of(workers)
+    if pool is not None:
+        if is_inside(pool):
+            return 1
+        check_not_inherited(pool)
+        return pool
     raise ValueError(
         "workers must be None, a positive integer, an Executor, a Dask client, "
         f'"dask" or the address of a Dask scheduler (tcp://host:8786), got {workers!r}'
@@ -106,7 +108,7 @@ def _ahead(
                 while submitted < count and len(pending) < 2 * width:
                     pending.append(pool.submit(pack(submitted), submitted))
                     submitted += 1
-                outcome = _waited_for(pending.popleft(), pool)
+                outcome = waited_for(pending.popleft(), pool)
             except (BrokenExecutor, CancelledError) as error:
                 reason = " ".join(str(error).split()) or "they were cancelled"
                 warnings.warn(f"the workers are lost ({reason}); the rest is done in this process", stacklevel=2)
@@ -121,47 +123,24 @@ def _ahead(
             yield from _ahead(pack, done, count, threads, cores())
 
 
-def _waited_for(future: Future[Outcome], pool: Executor) -> Outcome:
+def waited_for(future: Future[Outcome], pool: Executor) -> Outcome:
     """What a task gives; a Dask cluster without workers would wait for new ones for ever."""
-    client = getattr(pool, "_client", None)
+    client = dask.client_of(pool)
     if client is None:
         return future.result()
     deserted = 0
     while deserted < 2:
         try:
-            return future.result(timeout=_PATIENCE)
+            return future.result(timeout=dask.PATIENCE)
         except TimeoutError:
             if future.done():  # it is the task's own, or the task has ended just now
                 return future.result()
-            deserted = 0 if client.status == "running" and client.nthreads() else deserted + 1
-    raise BrokenExecutor("the Dask cluster has no workers left")
+            deserted = 0 if client.status == "running" and dask.threads_of(client) else deserted + 1
+    raise BrokenExecutor("the Dask cluster has no workers left, or does not answer")
 
 
 def width_of(pool: Executor) -> int:
     """How many tasks a pool runs at once, as far as it tells."""
-    client = getattr(pool, "_client", None)
-    width = getattr(pool, "_max_workers", None) if client is None else sum(client.nthreads().values())
+    client = dask.client_of(pool)
+    width = getattr(pool, "_max_workers", None) if client is None else dask.threads_of(client)
     return width or cores()
-
-
-def _dask_client(name: str) -> Any:
-    try:
-        distributed: Any = import_module("distributed")
-    except ImportError as error:
-        raise ValueError(f'workers={name!r} needs Dask: pip install "nonsac[dask]"') from error
-    if name == "dask":
-        try:
-            return distributed.default_client()
-        except ValueError as error:
-            raise ValueError('workers="dask" needs a distributed.Client; make one, or give the address') from error
-    known = [client for client in _clients if client.status == "running" and client.scheduler.address == name]
-    if not known:
-        try:
-            known.append(distributed.Client(name, timeout=_PATIENCE, set_as_default=False))
-        except (ValueError, OSError) as error:
-            raise ValueError(f"workers={name!r}: no Dask scheduler answers there; check that it is running") from error
-        _clients.append(known[0])
-    return known[0]
-
-
-_clients: list[Any] = []  # connections stay open, as a pool of threads would

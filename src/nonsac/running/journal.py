@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
+import zlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
+from nonsac.files.content import check_regular
 from nonsac.files.errors import input_error
 
 __all__ = ["Journal"]
 
 
 class Journal:
-    """A file of JSON lines, of which the first holds the settings of the run; a context manager that closes it.
+    """A file of JSON lines: first the settings of the run, then the records; a context manager that closes it.
+
+    A record is a line `[position, record, checksum]`. One that is damaged is dropped with a warning, as if it had not
+    been done; a file of records without checksums, as older versions wrote, is refused.
 
     Parameters
     ----------
@@ -28,12 +35,8 @@ class Journal:
     what : str
         What the records are called in messages.
     check : callable, optional
-        Called with every record that is there; raises ValueError, TypeError, KeyError or AttributeError if it is none.
-
-    Attributes
-    ----------
-    count : int
-        How many records it holds.
+        Called with the position and the content of every record that is there; raises ValueError, TypeError, KeyError
+        or AttributeError if it is none.
 
     Raises
     ------
@@ -48,45 +51,59 @@ class Journal:
         settings: Mapping[str, Any],
         resume: bool = False,
         what: str = "records",
-        check: Callable[[Any], object] = lambda record: None,
+        check: Check = lambda position, record: None,
     ) -> None:
         self.path = Path(path)
-        self.count = 0
         header = _line({"settings": settings})
         self._file = _opened(self.path)
         try:
             if _starts(self.path, header):  # nothing there, or killed while it wrote the first line
                 os.truncate(self.path, 0)
+                self._content = _Content({}, len(header))
                 self._write(header)
                 return
-            before, self.count, end = _parsed(self.path, check)
+            self._content = _parsed(self.path, check)
             if not resume:
                 raise ValueError(
                     f"{self.path} is left from a run that was stopped, with {self.count} {what} done; "
                     "go on there with resume (--resume), or remove it"
                 )
-            _check_settings(self.path, before, json.loads(header)["settings"])
-            os.truncate(self.path, end)  # the last line is torn if the run was killed
+            _check_settings(self.path, self._content.settings, json.loads(header)["settings"])
+            os.truncate(self.path, self._content.end)  # the last line is torn if the run was killed
+            if self._content.damaged:
+                damaged = f"{self._content.damaged} of the {what} in {self.path} are damaged"
+                warnings.warn(f"{damaged}; what is missing is done again", stacklevel=2)
         except BaseException:
             self._file.close()
             raise
 
-    def add(self, record: Any) -> None:
-        """Keep a record, in the file when this returns.
+    @property
+    def count(self) -> int:
+        """How many records it holds."""
+        return len(self._content.places)
+
+    def __contains__(self, position: int) -> bool:
+        """Whether it holds the record of a position."""
+        return position in self._content.places
+
+    def add(self, position: int, record: Any) -> None:
+        """Keep the record of a position, in the file when this returns.
 
         Raises
         ------
         InputError
             If the system refuses to write: on a full disk, say.
         """
-        self._write(_line(record))
-        self.count += 1
+        line = _checked_line(position, record)
+        self._write(line)
+        self._content.add(position, line)
 
     def records(self) -> Iterator[Any]:
-        """All records, read from the file one by one."""
+        """All records by their positions, read from the file one by one."""
         with self.path.open("rb") as file:
-            next(file)
-            yield from map(json.loads, file)
+            for position in sorted(self._content.places):
+                file.seek(self._content.places[position])
+                yield json.loads(file.readline())[1]
 
     def _write(self, line: bytes) -> None:
         try:
@@ -105,12 +122,57 @@ class Journal:
         self._file.close()
 
 
+Check = Callable[[int, Any], object]
+
+
+@dataclass
+class _Content:
+    """What is in the file: where records begin, by their positions; where the last whole line ends; damaged lines."""
+
+    settings: Mapping[str, Any]
+    end: int
+    places: dict[int, int] = field(default_factory=dict)
+    damaged: int = 0
+
+    def add(self, position: int | None, line: bytes) -> None:
+        """A line that follows; without a position if it is damaged."""
+        if position is None:
+            self.damaged += 1
+        else:
+            self.places[position] = self.end
+        self.end += len(line)
+
+
 def _line(content: Any) -> bytes:
     return (json.dumps(content) + "\n").encode()
 
 
+_CHECKSUM = 14  # bytes of `, "0123abcd"]` and the end of the line
+
+
+def _checked_line(position: int, record: Any) -> bytes:
+    body = _line([position, record])[: -len(b"]\n")]
+    return body + b', "%08x"]\n' % zlib.crc32(body)
+
+
+def _record(line: bytes) -> tuple[int, Any] | None:
+    """The position and the record in a line; None if it is damaged; TypeError if it is something else."""
+    try:
+        content = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    position, record, checksum = content if isinstance(content, list) and len(content) == 3 else (None, None, None)
+    if not isinstance(checksum, str):
+        raise TypeError("a record without a checksum")
+    if line != line[:-_CHECKSUM] + b', "%08x"]\n' % zlib.crc32(line[:-_CHECKSUM]) or type(position) is not int:
+        return None
+    return position, record
+
+
 def _opened(path: Path) -> BinaryIO:
     """The file, locked if the system can: the records of two runs would be mixed up."""
+    if os.path.lexists(path):  # a device or a pipe has no end
+        check_regular(path)
     file: BinaryIO = path.open("ab", buffering=0)
     try:
         _lock(file, path)
@@ -139,21 +201,23 @@ def _starts(path: Path, header: bytes) -> bool:
         return header.startswith(file.read(len(header) + 1))
 
 
-def _parsed(path: Path, check: Callable[[Any], object]) -> tuple[Mapping[str, Any], int, int]:
-    """The settings, the number of records, and where the last whole line ends."""
+def _parsed(path: Path, check: Check) -> _Content:
     try:
         with path.open("rb") as file:
             header = file.readline()
-            settings, count, end = json.loads(header)["settings"], 0, len(header)
-            if not isinstance(settings, dict) or not header.endswith(b"\n"):
+            content = _Content(json.loads(header)["settings"], len(header))
+            if not isinstance(content.settings, dict) or not header.endswith(b"\n"):
                 raise TypeError("settings")
             for line in file:
                 if line.endswith(b"\n"):
-                    check(json.loads(line))
-                    count, end = count + 1, end + len(line)
-            return settings, count, end
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"{path} is not a record of a run; remove it, or choose another name") from error
+                    found = _record(line)
+                    if found is not None:
+                        check(*found)
+                    content.add(found and found[0], line)
+            return content
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        problem = f"{path} is not a record of a run, or one of an older version"
+        raise ValueError(f"{problem}; remove it, or choose another name") from error
 
 
 def _check_settings(path: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:

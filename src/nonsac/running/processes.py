@@ -6,14 +6,16 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any
 
-__all__ = ["CannotStart", "WorkerDied", "WorkerProcesses", "end_with_parent"]
+__all__ = ["CannotStart", "WorkerDied", "WorkerProcesses", "can_spawn", "end_with_parent"]
 
 _ATTEMPTS = 2
 _PATIENCE = 1.0  # seconds, between the end of a pipe and that of its process
@@ -26,6 +28,22 @@ class WorkerDied(RuntimeError):
 
 class CannotStart(RuntimeError):
     """Worker processes do not come up, so that there is no use in going on."""
+
+
+def can_spawn(task: object) -> bool:
+    """Whether a process can be started for a task although nobody has asked for processes.
+
+    Not if the task does not travel, or the main script has no guard, so that it would run anew there.
+    """
+    main = sys.modules["__main__"]
+    script = None if getattr(main, "__spec__", None) is not None else getattr(main, "__file__", None)
+    try:
+        told = pickle.dumps(task)
+        guarded = script is None or b"__name__" in Path(script).read_bytes()
+    except Exception:  # what is pickled may raise anything
+        return False
+    is_alone = hasattr(main, "__file__") or b"__main__" not in told  # what is defined at a prompt is nowhere else
+    return guarded and is_alone and not multiprocessing.current_process().daemon
 
 
 class WorkerProcesses(Executor):

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from nonsac.files.column_names import find_places, shown
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.layouts import WEIGHT, Layout
 from nonsac.sources.contract import Source
+
+
+def names_of_table(rows: Any) -> tuple[str, ...] | None:
+    """What the columns of a table in memory (of pandas, polars or Arrow) are called; None for what has no names."""
+    held = getattr(rows, "column_names", getattr(rows, "columns", None))
+    names = tuple(held) if isinstance(held, Iterable) else ()
+    return names if names and all(isinstance(name, str) for name in names) else None
 
 
 def choose_columns(
@@ -87,8 +95,8 @@ def read_columns(array: Any, first: int, last: int, columns: list[int]) -> NDArr
 def arranged(source: Source, layout: Layout) -> Source:
     """The source with the columns of a layout, in its order, and with its weight in the last column, if it has one.
 
-    If the source names its columns, they are found by name, in whatever case; if not, it must have as many as the
-    layout, or one more for a weight.
+    If the source names its columns, they are found by name (`nonsac.files.column_names`); if not, it must have as many
+    as the layout, or one more for a weight.
 
     Raises
     ------
@@ -101,16 +109,28 @@ def arranged(source: Source, layout: Layout) -> Source:
             transposed = len(source) in (width, width + 1)
             raise ValueError(unfit(source.width, layout, "transpose it, one row per match" if transposed else ""))
         return source
-    places = [place_of(name, names) for name in layout.names]
+    chosen = places_in(names, layout)
+    return source if chosen == list(range(source.width)) else source.narrowed(chosen)
+
+
+def places_in(names: Sequence[str], layout: Layout) -> list[int]:
+    """Where the columns of a layout are, in its order, and then that of a weight, if there is one.
+
+    Raises
+    ------
+    ValueError
+        If some are missing, or if several could be meant; the message says which, and what names there are.
+    """
+    held, wanted = f"rows of {len(names)} columns ({shown(names)})", " ".join(layout.names)
+    fix = f"rename the columns, or choose them, by name or position (columns=, --columns), in the order of {wanted}"
+    try:
+        places, weight = find_places(names, layout.names, layout.split), find_places(names, [WEIGHT])
+    except ValueError as error:
+        raise ValueError(f"{held}, where {error}; {fix}") from None
     missing = [name for name, place in zip(layout.names, places, strict=True) if place is None]
     if missing:
-        wanted = " ".join(layout.names)
-        raise ValueError(
-            f"rows of {source.width} columns ({' '.join(names)}), of which none is called {' '.join(missing)}; rename "
-            f"the columns, or choose them, by name or position, in the order of {wanted}"
-        )
-    chosen = [place for place in (*places, place_of(WEIGHT, names)) if place is not None]
-    return source if chosen == list(range(source.width)) else source.narrowed(chosen)
+        raise ValueError(f"{held}, of which none is called {' '.join(missing)}; {fix}")
+    return [place for place in (*places, *weight) if place is not None]
 
 
 def unfit(held: int, layout: Layout, fix: str = "") -> str:
@@ -118,11 +138,3 @@ def unfit(held: int, layout: Layout, fix: str = "") -> str:
     width = len(layout.names)
     fix = fix or ("choose columns" if held > width else f"choose columns of a table that has all {width}")
     return f"rows of {held} columns, not of {width} ({' '.join(layout.names)}), or {width + 1} with a weight; {fix}"
-
-
-def place_of(name: str, names: Sequence[str]) -> int | None:
-    """Where a name is, in whatever case; the exact one is preferred."""
-    if name in names:
-        return names.index(name)
-    folded = [other.lower() for other in names]
-    return folded.index(name.lower()) if folded.count(name.lower()) == 1 else None

@@ -45,12 +45,12 @@ class JoinedSource(Source):
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         indices = self.checked(indices)
-        return self._joined([part.rows[indices] for part in self.parts])
+        return self._joined([part.pick(indices) for part in self.parts])
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
         stop = len(self) if stop is None else min(stop, len(self))
         for first in range(start, stop, rows):
-            yield self._joined([part.rows[first : min(first + rows, stop)] for part in self.parts])
+            yield self._joined([part.pick(slice(first, min(first + rows, stop))) for part in self.parts])
 
     def _joined(self, pieces: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
         """Copied once, if nothing maps them."""

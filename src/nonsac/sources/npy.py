@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.lib import format as npy
-
-from nonsac.files.content import check_kind
+from nonsac.files.claims import check_width
+from nonsac.files.content import check_kind, unreadable
 from nonsac.files.errors import FilePath, input_error
+from nonsac.files.npy import NpyHeader, parse_npy_header, read_npy_head
 from nonsac.files.positioned import PositionedFile
 from nonsac.files.records import truncated
 from nonsac.sources.columns import choose_columns, real_dtype
@@ -39,51 +36,33 @@ class NpySource(RecordSource):
         file = PositionedFile(path)
         check_kind(file.name, "NumPy array")
         header = _read_header(file.name)
+        # Before anything is made for every row or column.
+        held = header.rows_in(file.size)
+        if held < header.rows:
+            raise truncated(file.name, header.rows, held, "array")
         if header.dtype.names and len(header.shape) == 1:
             part, names = _fields(file, header, columns)
             super().__init__([part], names, columns is not None)
         else:
             super().__init__(_arrays(file, header, columns))
-        held = (file.size - header.offset) // max(1, header.row_size)
-        if held < len(self):
-            raise truncated(file.name, len(self), held, "array")
 
 
-@dataclass(frozen=True)
-class _Header:
-    offset: int
-    shape: tuple[int, ...]
-    fortran: bool
-    dtype: np.dtype[Any]
-
-    @property
-    def row_size(self) -> int:
-        return self.dtype.itemsize * math.prod(self.shape[1:])
-
-
-def _read_header(path: str) -> _Header:
+def _read_header(path: str) -> NpyHeader:
     try:
         with open(path, "rb") as file:
-            version = npy.read_magic(file)
-            read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-            shape, fortran, dtype = read(file)
-            header = _Header(file.tell(), shape, fortran, dtype)
-    # NumPy passes on the errors of tokenize and of ast, which share no type.
-    except Exception as error:
-        raise input_error(path, f"is truncated or damaged ({error})", "copy or save the file again") from error
-    if dtype.hasobject:
-        raise input_error(path, "holds pickled objects, which are never loaded", "save plain numbers")
-    if version >= (3, 0) and dtype.names:  # differs from version 2 in the encoding of the names alone
-        dtype.names = tuple(name.encode("latin1").decode() for name in dtype.names)
-    return header
+            head = read_npy_head(file)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return parse_npy_header(path, head)
 
 
-def _arrays(file: PositionedFile, header: _Header, columns: Sequence[int | str] | None) -> list[Records]:
+def _arrays(file: PositionedFile, header: NpyHeader, columns: Sequence[int | str] | None) -> list[Records]:
     kind = real_dtype(file.name, header.dtype, "an array")
     if len(header.shape) != 2 or not header.shape[1]:
         problem = f"holds an array of shape {header.shape} instead of (n, D)"
         raise input_error(file.name, problem, "save one row per line of the array")
     count, width = header.shape
+    check_width(file.name, width)
     chosen = choose_columns(file.name, columns, width)
     if not header.fortran:
         return [Records(file, header.offset, header.row_size, count, number_columns(kind, chosen))]
@@ -92,7 +71,7 @@ def _arrays(file: PositionedFile, header: _Header, columns: Sequence[int | str] 
 
 
 def _fields(
-    file: PositionedFile, header: _Header, columns: Sequence[int | str] | None
+    file: PositionedFile, header: NpyHeader, columns: Sequence[int | str] | None
 ) -> tuple[Records, tuple[str, ...]]:
     names = header.dtype.names or ()
     fields: Mapping[str, Any] = header.dtype.fields or {}

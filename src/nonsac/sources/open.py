@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.arrays import Archive, as_rows, open_npz
-from nonsac.files.content import UTF16, content_kind, with_article
+from nonsac.files.column_names import is_wanted_anywhere, place_of, shown
+from nonsac.files.content import UTF16, check_regular, content_kind, with_article
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
-from nonsac.files.records import find_columns
+from nonsac.files.pipes import is_stream
 from nonsac.files.text import is_number, read_table
 from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
 from nonsac.sources.array import ArraySource
-from nonsac.sources.columns import arranged, place_of, unfit
+from nonsac.sources.columns import arranged, places_in, unfit
 from nonsac.sources.contract import Source
 
 Columns = Sequence[str | int] | None
@@ -132,10 +133,12 @@ def holds_rows(folder: str) -> bool:
 def _kind_of(path: str) -> str:
     if glob.has_magic(path) and (is_url(path) or not os.path.exists(path)):
         return "Parquet file"
+    if is_stream(path):
+        return "text table"
     if is_folder(path):
         return "Zarr folder" if any(holds(path, name) for name in _FILES_OF_ZARR) else "Parquet file"
-    if not is_url(path) and os.path.exists(path) and not os.path.isfile(path):
-        raise input_error(path, "is no regular file", "copy what it gives to a file on disk")
+    if not is_url(path):
+        check_regular(path)
     head = read_head(path, _HEAD_LENGTH)
     if not head:
         raise input_error(path, "the file is empty", "write or copy it again")
@@ -153,13 +156,13 @@ def _open_hdf5(path: str, asked: _Asked) -> Source:
 
     if asked.dataset is None and _are_names(asked.columns):
         return Hdf5Source(path, asked.columns)
-    return Hdf5Source(path, _only_dataset(path) if asked.dataset is None else asked.dataset, columns=asked.columns)
+    return Hdf5Source(path, _datasets(path, asked) if asked.dataset is None else asked.dataset, columns=asked.columns)
 
 
 def _open_zarr(path: str, asked: _Asked) -> Source:
     from nonsac.sources.zarr import ZarrSource
 
-    array = _only_array(path, asked.columns) if asked.dataset is None else asked.dataset
+    array = _arrays(path, asked) if asked.dataset is None else asked.dataset
     return ZarrSource(path, array=array, columns=asked.columns)
 
 
@@ -182,7 +185,7 @@ def _open_parquet(paths: FilePath | Sequence[FilePath], asked: _Asked) -> Source
 
 def _check_numbers(path: str, layout: Layout, names: Sequence[str], others: Mapping[str, str]) -> None:
     """Refuse columns that have the right name but cannot be read, and so are not among `names`."""
-    for name in layout.names:
+    for name in (*layout.names, WEIGHT):
         place = place_of(name, list(others))
         if place_of(name, names) is None and place is not None:
             held = list(others)[place]
@@ -210,6 +213,8 @@ def _open_archive(path: str, layout: Layout | None) -> ArraySource:
     """Both parts of the rows under their keys, and the weights; else the only array that fits."""
     layouts = _KNOWN if layout is None else (layout,)
     with open_npz(path) as archive:
+        if layout is not None and (columns := _columns_in_archive(archive, layout)):
+            return _of_numbers(path, columns)
         keys = [pair for known in layouts for pair in known.keys]
         pair = next((pair for pair in keys if set(pair) <= set(archive.names)), None)
         if pair is not None:
@@ -217,14 +222,23 @@ def _open_archive(path: str, layout: Layout | None) -> ArraySource:
             if layout is not None:
                 parts = [as_rows(path, part, width) for part, width in zip(parts, layout.widths, strict=True)]
         elif layout is None:
-            held = {name: array for name in archive.names if (array := archive.load(name)).ndim == 2}
-            parts = [held[_the_only(path, list(held))]]
+            held = [name for name in archive.names if len(archive.shape(name)) == 2]
+            parts = [archive.load(_the_only(path, held))]
         else:
             fix = f"save it under {' or '.join('/'.join(names) for names in keys)}" if keys else "save one array (n, D)"
             parts = [archive.load_only([len(layout.names), len(layout.names) + 1], fix)]
         if "weights" in archive.names and layout is not None and sum(map(_columns_in, parts)) == len(layout.names):
             parts.append(_weights(archive, len(parts[0])))
     return _of_numbers(path, parts, layout)
+
+
+def _columns_in_archive(archive: Archive, layout: Layout) -> list[NDArray[Any]]:
+    """The arrays (n, 1) of a layout's columns and of the weights, if the archive has an array (n,) for each column."""
+    if not set(layout.names) <= set(archive.names):
+        return []
+    weight = next((name for name in (WEIGHT, "weights") if name in archive.names), None)
+    columns = [archive.load(name) for name in (*layout.names, *([] if weight is None else [weight]))]
+    return [column[:, None] for column in columns] if all(column.ndim == 1 for column in columns) else []
 
 
 def _columns_in(part: NDArray[Any]) -> int:
@@ -251,39 +265,68 @@ def _of_numbers(path: str, parts: Sequence[NDArray[Any]], layout: Layout | None 
         raise input_error(path, f"holds no rows of numbers ({error})", "save arrays (n, D) of equal length") from error
 
 
-def _only_dataset(path: str) -> str:
-    """The name of the only dataset (n, D) of numbers in an HDF5 file."""
+def _datasets(path: str, asked: _Asked) -> str | Sequence[str]:
+    """The datasets of an HDF5 file that hold the columns of the layout, or else the only one (n, D) of numbers."""
     from nonsac.files.hdf5 import open_hdf5
 
-    found: list[str] = []
+    tables: list[str] = []
+    columns: list[str] = []
+
+    def visit(name: str, item: Any) -> None:
+        if _is_table(item):
+            tables.append(name)
+        elif _is_column(item) and "/" not in name:
+            columns.append(name)
+
     with open_hdf5(path) as file:
-        file.visititems(lambda name, item: found.append(name) if _is_table(item) else None)
-    return _the_only(path, found)
+        file.visititems(visit)
+    return _named_in(path, asked, columns, tables) or _the_only(path, tables)
 
 
-def _only_array(path: str, columns: Columns) -> str | Sequence[str] | None:
-    """The name of the only array (n, D) of numbers in a Zarr group, or those of its columns; None for an array."""
+def _arrays(path: str, asked: _Asked) -> str | Sequence[str] | None:
+    """The arrays of a Zarr group, likewise, or those of the columns asked for; None for an array."""
+    from nonsac.sources.zarr import check_metadata
+
     try:
         import zarr
     except ImportError:
         return None  # ZarrSource says so
     with file_errors(path):
+        check_metadata(path)
         opened = zarr.open(path, mode="r")
         if not isinstance(opened, zarr.Group):
             return None
-        return (
-            columns if _are_names(columns) else _the_only(path, [n for n, each in opened.arrays() if _is_table(each)])
-        )
+        if _are_names(asked.columns):
+            return asked.columns
+        held = list(opened.arrays())
+    tables, columns = [n for n, each in held if _is_table(each)], [n for n, each in held if _is_column(each)]
+    return _named_in(path, asked, columns, tables) or _the_only(path, tables)
+
+
+def _named_in(path: str, asked: _Asked, columns: Sequence[str], tables: Sequence[str]) -> Sequence[str] | None:
+    """The arrays (n,) that are named as the columns of the layout; refused if there are others, and no table."""
+    if asked.layout is None or asked.columns is not None or not columns:
+        return None
+    try:
+        return [columns[place] for place in places_in(columns, asked.layout)]
+    except ValueError as error:
+        if tables:
+            return None
+        raise InputError(f"{path}: {error}") from None
 
 
 def _is_table(array: Any) -> bool:
     return getattr(array, "ndim", 0) == 2 and array.dtype.kind in "fiu"
 
 
+def _is_column(array: Any) -> bool:
+    return getattr(array, "ndim", 0) == 1 and array.dtype.kind in "fiu"
+
+
 def _the_only(path: str, names: Sequence[str]) -> str:
     if len(names) != 1:
-        problem = f"cannot tell which array holds the rows (n, D): {', '.join(names) or 'there is none'}"
-        raise input_error(path, problem, "name one as the dataset")
+        problem = f"cannot tell which array holds the rows (n, D): {', '.join(names[:20]) or 'there is none'}"
+        raise input_error(path, problem, "name one as the dataset, or arrays (n,) as columns")
     return names[0]
 
 
@@ -297,9 +340,6 @@ def _open_text(path: str, asked: _Asked) -> Source:
     width, names = len(table.first_row() or table.names or ()), table.names
     if not width:
         raise input_error(path, "the file holds no rows", "export it again with its rows")
-    if names is not None and len(names) != width:
-        problem = f"its header names {len(names)} columns, its rows have {width}"
-        raise input_error(path, problem, "name every column, or remove the header line")
     if asked.columns is not None:
         return ArraySource(table.numbers(_columns_of(path, names, width, asked.columns)))
     if names is None:
@@ -307,25 +347,39 @@ def _open_text(path: str, asked: _Asked) -> Source:
             fix = f"choose columns, or name them in a header line: {' '.join(asked.layout.names)}"
             raise InputError(f"{path}: {unfit(width, asked.layout, fix)}")
         return ArraySource(table.numbers(range(width)))
-    numbers = _named_in(asked.layout, names)
-    if not numbers:  # all columns that look like numbers
-        numbers = [place for place, word in enumerate(table.first_row()) if is_number(word)] or list(range(width))
+    if asked.layout is not None:
+        numbers = sorted(_places_in(path, names, asked.layout))
+    else:
+        numbers = _number_columns(table.first_row(), names)
     return ArraySource(table.numbers(numbers), [names[place] for place in numbers])
 
 
-def _named_in(layout: Layout | None, names: Sequence[str]) -> list[int]:
-    """The places of a layout's columns and of a weight, in the order of the file; none if it lacks some."""
-    wanted = [] if layout is None else [name.lower() for name in layout.names]
-    found = [place for place, name in enumerate(names) if name in (*wanted, WEIGHT)]
-    return found if wanted and {names[place] for place in found} >= set(wanted) else []
+def _number_columns(row: Sequence[str], names: Sequence[str]) -> list[int]:
+    """The columns that look like numbers, or that bear the name of some."""
+    pairs = enumerate(zip(row, names, strict=False))
+    found = [place for place, (word, name) in pairs if is_number(word) or is_wanted_anywhere(name)]
+    return found or list(range(len(names)))
+
+
+def _places_in(path: str, names: Sequence[str], layout: Layout) -> list[int]:
+    try:
+        return places_in(names, layout)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _columns_of(path: str, names: Sequence[str] | None, width: int, columns: Sequence[str | int]) -> Sequence[int]:
-    by_name = [column.lower() for column in columns if isinstance(column, str)]
-    if by_name and names is None:
+    if names is None and any(isinstance(column, str) for column in columns):
         raise input_error(path, "has no header line, so its columns have no names", "give their positions, from 0")
-    places = dict(zip(by_name, find_columns(path, names or (), by_name, "check the names"), strict=True))
-    return _within(path, width, [places[c.lower()] if isinstance(c, str) else c for c in columns])
+    return _within(path, width, [_place(path, names or (), c) if isinstance(c, str) else c for c in columns])
+
+
+def _place(path: str, names: Sequence[str], column: str) -> int:
+    place = place_of(column, names)
+    if place is None:
+        problem = f"the header names no {column}, or several (it names {shown(names, ', ')})"
+        raise input_error(path, problem, "check the names, or give positions, from 0")
+    return place
 
 
 def _narrowed(path: str, source: ArraySource, columns: Columns) -> ArraySource:

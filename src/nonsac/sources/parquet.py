@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.files.claims import check_expansion
 from nonsac.files.errors import FilePath, input_error, library_missing, not_held
 from nonsac.files.paths import Stamp, changed, file_errors, is_url, listed_files, open_file, stamp_of
 from nonsac.sources.blocks import BlockSource
@@ -98,10 +99,10 @@ class ParquetSource(BlockSource):
         rows = np.empty((expected, self.width))
         with _opened(path) as opened:
             for place, name in enumerate(self.names):  # one at a time: Arrow holds what it reads and what it decodes
-                column = opened.read_block(block - int(self._first_blocks[file]), [name]).column(name)
+                column = opened.read_column(block - int(self._first_blocks[file]), name, expected)
                 if len(column) != expected:
                     raise changed(path)
-                rows[:, place] = column.to_numpy()
+                rows[:, place] = column
         self._check_unchanged(file)
         return rows
 
@@ -127,23 +128,23 @@ class _ParquetFile:
     def __init__(self, file: Any) -> None:
         from pyarrow import parquet  # type: ignore[import-untyped,unused-ignore]
 
-        self._file = parquet.ParquetFile(file)
+        self._file, self.size = parquet.ParquetFile(file), file.size()
         self.schema = self._file.schema_arrow
 
     def block_rows(self) -> list[int]:
         return [self._file.metadata.row_group(block).num_rows for block in range(self._file.num_row_groups)]
 
-    def bytes_of(self, columns: Sequence[str]) -> dict[str, float]:
-        metadata = self._file.metadata
-        places = {metadata.schema.column(place).path: place for place in range(metadata.num_columns)}
-        groups = [metadata.row_group(group) for group in range(metadata.num_row_groups)]
-        return {
-            name: float(sum(group.column(places[name]).total_compressed_size for group in groups)) for name in columns
-        }
-
-    def read_block(self, block: int, columns: Sequence[str]) -> Any:
+    def read_column(self, block: int, name: str, rows: int) -> Any:
+        # Columns are read batch by batch, as one may go on for ever; a row more than there should be is enough.
         # Threads of Arrow that call into Python, to read a URL, would abort a process that ends meanwhile.
-        return self._file.read_row_group(block, columns=list(columns), use_threads=False)
+        batches = self._file.iter_batches(max(rows, 1) + 1, [block], [name], use_threads=False)
+        read, found = [], 0
+        for batch in batches:
+            read.append(batch.column(0).to_numpy(zero_copy_only=False))
+            found += len(batch)
+            if found > rows:
+                break
+        return np.concatenate([np.empty(0), *read])
 
 
 class _ArrowFile:
@@ -152,22 +153,17 @@ class _ArrowFile:
     def __init__(self, file: Any) -> None:
         from pyarrow import ipc  # type: ignore[import-untyped,unused-ignore]
 
-        self._file, self._ipc = file, ipc
+        self._file, self._ipc, self.size = file, ipc, file.size()
         self.schema = self._reader().schema
 
     def block_rows(self) -> list[int]:
         reader = self._reader([0])  # lengths are not in the footer: the least that tells them
         return [reader.get_batch(block).num_rows for block in range(reader.num_record_batches)]
 
-    def bytes_of(self, columns: Sequence[str]) -> dict[str, float]:
-        rows = sum(self.block_rows())
-        return {name: float(self.schema.field(name).type.bit_width / 8 * rows) for name in columns}
-
-    def read_block(self, block: int, columns: Sequence[str]) -> Any:
-        from pyarrow import Table
-
-        fields = [self.schema.get_field_index(name) for name in columns]
-        return Table.from_batches([self._reader(fields).get_batch(block)])
+    def read_column(self, block: int, name: str, rows: int) -> Any:
+        batch = self._reader([self.schema.get_field_index(name)]).get_batch(block)
+        batch.validate()  # lengths are claims: it looks whether the bytes are there
+        return batch.column(0).to_numpy(zero_copy_only=False)
 
     def _reader(self, fields: Sequence[int] = ()) -> Any:
         return self._ipc.open_file(
@@ -199,7 +195,30 @@ def _read_footer(path: str, choose: Callable[[Any], tuple[str, ...]]) -> _Footer
     with _opened(path) as file:
         names = choose(file.schema)
         _check_columns(path, file.schema, names)
-        return _Footer(names, _faults(file.schema), file.block_rows(), file.bytes_of(names), stamp)
+        rows, size = file.block_rows(), file.size
+        if min(rows, default=0) < 0:
+            raise input_error(path, "is damaged: it promises a negative number of rows", "copy or save it again")
+        fix = "save it with smaller row groups"
+        check_expansion(path, "its largest block of rows", max(rows, default=0) * len(names), size, fix)
+        return _Footer(names, _faults(file.schema), rows, _bytes_of(file.schema, names, sum(rows), size), stamp)
+
+
+def _bytes_of(schema: Any, names: Sequence[str], rows: int, size: int) -> dict[str, float]:
+    """About what each column takes up in a file.
+
+    Footers of Parquet tell it exactly; but if they are damaged, to ask for it ends the process.
+    """
+    sizes = {field.name: _bytes_in(field.type) for field in schema}
+    shares = {name: size * sizes[name] / sum(sizes.values()) for name in names}
+    return {name: min(share, 1.25 * rows * sizes[name]) for name, share in shares.items()}
+
+
+def _bytes_in(kind: Any) -> float:
+    """Bytes of a value; sixteen of one that may have any number."""
+    try:
+        return float(kind.bit_width / 8)
+    except ValueError:
+        return 16.0
 
 
 def _faults(schema: Any) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numpy.typing import DTypeLike
 
+from nonsac.files.claims import check_width
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.positioned import PositionedFile
 from nonsac.sources.columns import real_dtype
@@ -39,6 +40,7 @@ class RawSource(RecordSource):
         if width < 1 or offset < 0 or (rows is not None and rows < 0):
             raise ValueError(f"width must be positive, offset and rows not negative; got {width}, {offset} and {rows}")
         file = PositionedFile(path)
+        check_width(file.name, width)
         kind = real_dtype(file.name, dtype)
         size = width * kind.itemsize
         held, rest = divmod(max(file.size - offset, 0), size)

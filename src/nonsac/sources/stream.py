@@ -29,7 +29,8 @@ class StreamSource(ArraySource):
     Parameters
     ----------
     chunks : iterable of (k, D) array
-        Real numbers; k may differ, D not. A stream without a chunk gives a source of 0 rows and 0 columns.
+        Real numbers; k may differ, D not, nor the names of columns, if the chunks are tables of pandas, polars or
+        Arrow. A stream without a chunk gives a source of 0 rows and 0 columns.
     rows : int
         How many rows are kept: all, if the stream has no more.
     rng : int, numpy Generator or None
@@ -43,8 +44,8 @@ class StreamSource(ArraySource):
     Raises
     ------
     ValueError, TypeError
-        If a chunk is not a (k, D) array of real numbers, or of another width than the first; the message counts
-        chunks from 0.
+        If a chunk is not a (k, D) array of real numbers, or of another width than the first, or has other names; the
+        message counts chunks from 0.
     """
 
     def __init__(
@@ -52,14 +53,14 @@ class StreamSource(ArraySource):
     ) -> None:
         if not isinstance(rows, Integral) or isinstance(rows, bool) or rows < 1:
             raise ValueError(f"rows must be a positive integer, got {rows!r}")
-        reservoir, self.rows_seen = None, 0
+        reservoir, names, self.rows_seen = None, None, 0
         keys = np.random.default_rng(canonical_seed(rng))
         for chunk in _checked(chunks):
-            reservoir = reservoir or _Reservoir(int(rows), chunk.width)
+            reservoir, names = reservoir or _Reservoir(int(rows), chunk.width), chunk.names
             for piece in chunk.chunks(int(rows)):
                 reservoir.add(piece, keys.integers(_LARGEST_KEY, size=len(piece), dtype=np.uint64, endpoint=True))
             self.rows_seen += len(chunk)
-        super().__init__(np.empty((0, 0)) if reservoir is None else reservoir.in_order())
+        super().__init__(np.empty((0, 0)) if reservoir is None else reservoir.in_order(), names)
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self)
@@ -95,13 +96,16 @@ class _Reservoir:
 
 
 def _checked(chunks: Iterable[ArrayLike]) -> Iterator[ArraySource]:
-    width = None
+    width, names = None, None
     for number, chunk in enumerate(chunks):
         try:
             checked = ArraySource(chunk)
         except (TypeError, ValueError) as error:
             raise type(error)(f"chunks[{number}]: {error}") from None
-        width = checked.width if width is None else width
+        if width is None:
+            width, names = checked.width, checked.names
         if checked.width != width:
             raise ValueError(f"chunks[{number}] has {checked.width} columns where chunks[0] has {width}")
+        if checked.names != names:
+            raise ValueError(f"chunks[{number}] names its columns {checked.names}, chunks[0] {names}")
         yield checked

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.files.content import unreadable
+from nonsac.files.claims import check_expansion, check_shape, check_width
+from nonsac.files.content import check_regular, unreadable
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing, not_held
 from nonsac.sources.blocks import EvenBlockSource, block_rows
 from nonsac.sources.columns import choose_columns, common_length, read_columns, real_dtype, split_columns
 from nonsac.sources.contract import About
+
+_METADATA = ("zarr.json", ".zarray", ".zgroup", ".zattrs", ".zmetadata")
+_FEW_BLOCKS, _MOST_BLOCKS = 10_000, 2**22
+_LARGE_CHUNK = 2**20  # numbers
 
 
 class ZarrSource(EvenBlockSource):
@@ -32,7 +41,8 @@ class ZarrSource(EvenBlockSource):
     ------
     InputError
         If zarr is missing, there is no Zarr array or group, it is damaged, or holds no such arrays or columns or no
-        real numbers. Zarr takes a chunk that is not there for one of fill values; that is no error.
+        real numbers; on reading also if a chunk is not there, which Zarr itself takes for one of fill values (and does
+        not write if it holds nothing else, unless told `write_empty_chunks=True`).
     """
 
     _opened: tuple[int, list[Any]] | None = None
@@ -48,18 +58,24 @@ class ZarrSource(EvenBlockSource):
         opened = self._open()
         for each in opened:
             real_dtype(self.path, each.dtype, "an array")
+            check_shape(self.path, each.shape)
         self.shapes = [tuple(each.shape) for each in opened]
         rows, widths = common_length(self.path, self.shapes)
+        check_width(self.path, sum(widths))
         named = self.arrays if all(len(shape) == 1 for shape in self.shapes) else None
         chosen = choose_columns(self.path, columns, sum(widths), named)
         self.names = named and tuple(named[position] for position in chosen)
         self.chosen = columns is not None
         self.runs = split_columns(chosen, widths)
-        chunk = max(_chunk_rows(opened[number]) for number, _ in self.runs)
+        chunk = max(_chunk_rows(self.path, opened[number], rows) for number, _ in self.runs)
         stored = sum(opened[number].nbytes for number in {number for number, _ in self.runs})
-        super().__init__(rows, block_rows(chunk, len(chosen)), len(chosen), stored)
+        size = block_rows(chunk, len(chosen))
+        _check_count(self.path, rows, size)
+        super().__init__(rows, size, len(chosen), stored)
         if "://" not in self.path:
             self.path = os.path.abspath(self.path)  # workers may be elsewhere
+        if len(self.block_starts) > _FEW_BLOCKS:
+            self.read_block(len(self.block_starts) - 2)  # is missing, if the number of rows is made up
 
     @property
     def about(self) -> About:
@@ -75,10 +91,26 @@ class ZarrSource(EvenBlockSource):
         first, last = self.bounds(block)
         opened = self._open_here()
         try:
-            return np.hstack([read_columns(opened[number], first, last, columns) for number, columns in self.runs])
+            return np.hstack([self._read(opened[number], first, last, columns) for number, columns in self.runs])
+        except InputError:
+            raise
         # Codecs and file systems share no type of errors.
         except Exception as error:
             raise _damaged(self.path, error) from error
+
+    def _read(self, array: Any, first: int, last: int, columns: list[int]) -> NDArray[np.float64]:
+        """Some rows of an array; what changes with the fill value is not there."""
+        rows, step = read_columns(array, first, last, columns), array.chunks[0]
+        starts = np.unique(np.append(np.arange(-first % step, last - first, step), 0))
+        if not _are_equal(rows[starts], _fill_value(array)).any():
+            return rows
+        other = read_columns(_with_other_fill(array), first, last, columns)
+        missing = np.flatnonzero(~_are_equal(rows, other).all(axis=1))
+        if len(missing):
+            start = (first + int(missing[0])) // step * step
+            problem = f"lacks rows {start} to {min(start + step, array.shape[0]) - 1} (never written, or gone)"
+            raise input_error(self.path, problem, "write or copy all of it (zarr: write_empty_chunks=True)")
+        return rows
 
     def _open_here(self) -> list[Any]:
         """The arrays, opened once in each process."""
@@ -106,6 +138,20 @@ class ZarrSource(EvenBlockSource):
         # Zarr itself takes what is gone for fill values.
         if "://" not in self.path and not os.path.exists(self.path):
             raise unreadable(self.path, FileNotFoundError())
+        check_metadata(self.path)
+
+
+def check_metadata(path: str) -> None:
+    """Refuse an array or group on disk whose descriptions, or those of the arrays in it, are pipes or devices."""
+    if "://" in path or not os.path.isdir(path):
+        return
+    with os.scandir(path) as entries:
+        folders = [path, *(entry.path for entry in entries if entry.is_dir())]
+    for folder in folders:
+        for name in _METADATA:
+            file = os.path.join(folder, name)
+            if os.path.lexists(file):
+                check_regular(file)
 
 
 def _arrays(path: str, node: Any, names: tuple[str, ...] | None) -> list[Any]:
@@ -123,8 +169,45 @@ def _arrays(path: str, node: Any, names: tuple[str, ...] | None) -> list[Any]:
     return [node[name] for name in names]
 
 
-def _chunk_rows(array: Any) -> int:
-    return int((getattr(array, "shards", None) or array.chunks)[0])
+def _chunk_rows(path: str, array: Any, rows: int) -> int:
+    """Rows that are read at once, after a look at what the metadata say of chunks and shards."""
+    for chunks in filter(None, (array.chunks, getattr(array, "shards", None))):
+        if min(check_shape(path, chunks), default=0) < 1:
+            raise input_error(path, f"names the chunks {tuple(chunks)}, which no array has", "write or copy it again")
+    chunk = getattr(array, "shards", None) or array.chunks
+    numbers = math.prod(chunk)
+    if numbers > _LARGE_CHUNK and "://" not in path:
+        there = sum(entry.stat().st_size for entry in Path(path).rglob("*") if entry.is_file())
+        check_expansion(path, "a chunk", numbers, there, "write it in smaller chunks")
+    return min(int(chunk[0]), max(rows, 1))
+
+
+def _check_count(path: str, rows: int, size: int) -> None:
+    """Refuse a number of rows that cannot be, as nothing but the chunks says how many there are."""
+    if rows // size > _MOST_BLOCKS:
+        raise input_error(path, f"promises {rows:.3g} rows", "check its shape, or split it into several arrays")
+
+
+def _are_equal(rows: NDArray[np.float64], others: Any) -> NDArray[np.bool_]:
+    """Which numbers are the same, or both no numbers."""
+    equal: NDArray[np.bool_] = (rows == others) | (np.isnan(rows) & np.isnan(others))
+    return equal
+
+
+def _fill_value(array: Any) -> float:
+    return float(array.fill_value or 0)
+
+
+def _with_other_fill(array: Any) -> Any:
+    """The same array, in which other numbers stand for what is not there."""
+    value = array.dtype.type(2 if _fill_value(array) == 1 else 1)
+    if not hasattr(array, "async_array"):  # Zarr 2
+        other = copy(array)
+        other._fill_value = value
+        return other
+    inner = array.async_array
+    metadata = replace(inner.metadata, fill_value=value)
+    return type(array)(type(inner)(metadata, inner.store_path, inner.config))
 
 
 def _damaged(path: str, error: Exception) -> InputError:
