@@ -108,7 +108,7 @@ class ZarrSource(EvenBlockSource):
         if len(missing):
             start = (first + int(missing[0])) // step * step
             problem = f"lacks rows {start} to {min(start + step, array.shape[0]) - 1} (never written, or gone)"
-            raise input_error(self.path, problem, "write or copy all of it (zarr: write_empty_chunks=True)")
+            raise input_error(self.path, problem, "write or copy all of it (Zarr itself: write_empty_chunks=True)")
         return rows
 
     def _open_here(self) -> list[Any]:
