@@ -1,3 +1,4 @@
+import contextlib
 import struct
 
 import numpy as np
@@ -5,11 +6,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import match_samples
+from limits import little_memory
 from match_samples import LENSES, write_binary_model, write_text_model
 from nonsac.cameras import models
 from nonsac.cameras.camera import Camera
 from nonsac.io import InputError, open_matches, read_colmap_points, read_colmap_pose, read_points
 from nonsac.layouts import POINTS
+
+__all__ = ["little_memory"]
 
 
 @pytest.fixture(params=[write_binary_model, write_text_model])
@@ -195,6 +199,24 @@ def test_bad_binary(tmp_path):
     (folder / "images.bin").write_bytes(b"\xff" * 500)
     with pytest.raises(InputError, match="the file is truncated or damaged: its 500 bytes end before its last row"):
         read_colmap_points(folder, "b.jpg")
+
+
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
+@pytest.mark.parametrize("count", [2**64 - 1, 2**63, 10**9, 0])
+def test_counts_in_binary_models(tmp_path, name, count):
+    """Whatever eight bytes become, a count among them, nothing is made for what is not there."""
+    model = write_binary_model(tmp_path / "sparse")
+    path = model / f"{name}.bin"
+    content = path.read_bytes()
+    path.write_bytes(struct.pack("<Q", count) + content[8:])
+    if count and name != "cameras":  # of these only what comes before the wanted one is read
+        with pytest.raises(InputError):
+            read_colmap_points(model, "none.jpg" if name == "images" else "b.jpg")
+    for place in range(len(content) - 8):
+        path.write_bytes(content[:place] + struct.pack("<Q", count) + content[place + 8 :])
+        with contextlib.suppress(InputError):
+            read_colmap_points(model, "b.jpg")
 
 
 @pytest.fixture(params=["bin", "txt"])

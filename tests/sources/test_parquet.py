@@ -352,12 +352,10 @@ def test_columns_that_go_on_for_ever_are_left(tmp_path, monkeypatch):
     """Row groups and the pages in them count their rows each for itself."""
     path = write(tmp_path / "a.parquet", rows=100)
     monkeypatch.setattr(parquet._ParquetFile, "block_rows", lambda self: [40])
-    source, held = ParquetSource(path), []
-    concatenate = np.concatenate
-    monkeypatch.setattr(np, "concatenate", lambda parts: held.append(sum(map(len, parts))) or concatenate(parts))
     with pytest.raises(InputError, match="was changed"):
-        source.take(np.array([1]))
-    assert held == [41]
+        ParquetSource(path).take(np.array([1]))
+    with parquet._opened(str(path)) as file:
+        assert len(file.read_column(0, "x1", 40)) == 41
 
 
 def test_lengths_of_arrow_are_compared_with_its_bytes(tmp_path):

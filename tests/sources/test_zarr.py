@@ -1,4 +1,6 @@
+import bz2
 import json
+import lzma
 import pickle
 import shutil
 import sys
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 
 from limits import little_memory
+from nonsac.files.compressed import expands_beyond
 from nonsac.sources import ZarrSource
 from nonsac.sources import zarr as module
 
@@ -182,6 +185,32 @@ def test_metadata_that_nothing_bears_out(path, refused, changes, problem):
     path.mkdir()
     (path / ".zarray").write_text(json.dumps(usual | {"fill_value": 0.0, "order": "C", "filters": None} | changes))
     assert problem in refused(path, ZarrSource, path)
+
+
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize("codec", ["Zstd", "BZ2", "LZMA"])
+@pytest.mark.parametrize("name", ["", "deep/x"])
+def test_chunks_do_not_explode(path, refused, codec, name):
+    """A few bytes that would become gigabytes, in the place of a chunk of 1000 numbers."""
+    codec, store = getattr(pytest.importorskip("numcodecs"), codec)(), str(path / name)
+    write(store, np.arange(1.0, 1001).reshape(500, 2), (500, 2), **({"zarr_format": 2} if FORMATS != [2] else {}))
+    (chunk,) = [file for file in path.rglob("0.0") if file.is_file()]
+    metadata = json.loads((chunk.parent / ".zarray").read_text())
+    (chunk.parent / ".zarray").write_text(json.dumps(metadata | {"compressor": codec.get_config()}))
+    chunk.write_bytes(codec.encode(np.arange(1.0, 1001)))
+    source = ZarrSource(store)
+    np.testing.assert_array_equal(source.take(np.array([499])), [[999, 1000]])
+    chunk.write_bytes(codec.encode(np.zeros(30_000_000, np.uint8)))
+    assert "is a chunk that would expand far beyond its size" in refused(chunk, source.take, np.array([499]))
+
+
+@pytest.mark.parametrize("size", [0, 1, 200, 300, 70_000, 10**6])
+def test_sizes_in_frames(tmp_path, size):
+    zstd = pytest.importorskip("numcodecs").Zstd()
+    for content in (zstd.encode(bytes(size)), bz2.compress(bytes(size)), lzma.compress(bytes(size))):
+        (tmp_path / "chunk").write_bytes(content)
+        assert not expands_beyond(size, str(tmp_path / "chunk"))
+        assert size == 0 or expands_beyond(size - 1, str(tmp_path / "chunk"))
 
 
 def test_damaged_chunks(path, refused, formatted):

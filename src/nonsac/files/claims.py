@@ -8,7 +8,7 @@ from nonsac.files.errors import FilePath, input_error
 # No table of rows has more columns; an array of more lies on its side.
 WIDEST = 100_000
 # What any file may expand to, however small it is; and beyond, how many bytes one byte of a file may become.
-_ALWAYS = 64 << 20
+_ALWAYS = 32 << 20
 _FOLD = 100
 _LARGEST_COUNT = 2**62
 _NUMBER = 8  # bytes: whatever is stored is read as float64

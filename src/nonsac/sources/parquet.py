@@ -144,7 +144,7 @@ class _ParquetFile:
             found += len(batch)
             if found > rows:
                 break
-        return np.concatenate([np.empty(0), *read])
+        return read[0] if len(read) == 1 else np.concatenate([np.empty(0), *read])
 
 
 class _ArrowFile:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.claims import check_expansion, check_shape, check_width
+from nonsac.files.compressed import expands_beyond
 from nonsac.files.content import check_regular, unreadable
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing, not_held
 from nonsac.sources.blocks import EvenBlockSource, block_rows
@@ -23,6 +25,7 @@ from nonsac.sources.contract import About
 _METADATA = ("zarr.json", ".zarray", ".zgroup", ".zattrs", ".zmetadata")
 _FEW_BLOCKS, _MOST_BLOCKS = 10_000, 2**22
 _LARGE_CHUNK = 2**20  # numbers
+_MOST_DECODED = 32  # bytes of a number, with what filters add
 
 
 class ZarrSource(EvenBlockSource):
@@ -100,6 +103,9 @@ class ZarrSource(EvenBlockSource):
 
     def _read(self, array: Any, first: int, last: int, columns: list[int]) -> NDArray[np.float64]:
         """Some rows of an array; what changes with the fill value is not there."""
+        for chunk in _files_of_chunks(self.path, array, first, last, columns):
+            if os.path.exists(chunk) and expands_beyond(_MOST_DECODED * math.prod(array.chunks), chunk):
+                raise input_error(chunk, "is a chunk that would expand far beyond its size", "write or copy it again")
         rows, step = read_columns(array, first, last, columns), array.chunks[0]
         starts = np.unique(np.append(np.arange(-first % step, last - first, step), 0))
         if not _are_equal(rows[starts], _fill_value(array)).any():
@@ -109,7 +115,7 @@ class ZarrSource(EvenBlockSource):
         if len(missing):
             start = (first + int(missing[0])) // step * step
             problem = f"lacks rows {start} to {min(start + step, array.shape[0]) - 1} (never written, or gone)"
-            raise input_error(self.path, problem, "write or copy all of it (zarr: write_empty_chunks=True)")
+            raise input_error(self.path, problem, "write or copy all of it (Zarr itself: write_empty_chunks=True)")
         return rows
 
     def _open_here(self) -> list[Any]:
@@ -186,6 +192,18 @@ def _check_count(path: str, rows: int, size: int) -> None:
     """Refuse a number of rows that cannot be, as nothing but the chunks says how many there are."""
     if rows // size > _MOST_BLOCKS:
         raise input_error(path, f"promises {rows:.3g} rows", "check its shape, or split it into several arrays")
+
+
+def _files_of_chunks(path: str, array: Any, first: int, last: int, columns: list[int]) -> list[str]:
+    """The files on this machine that some rows and columns of an array lie in."""
+    if "://" in path:
+        return []
+    is_new = hasattr(array, "async_array")  # Zarr 3
+    key, folder = (array.metadata.encode_chunk_key, array.path) if is_new else (array._chunk_key, "")
+    bounds = [(first, last), (min(columns), max(columns) + 1)]
+    lengths = getattr(array, "shards", None) or array.chunks
+    places = [range(low // n, (high - 1) // n + 1) for (low, high), n in zip(bounds, lengths, strict=False)]
+    return [os.path.join(path, folder, key(place)) for place in product(*places)]
 
 
 def _are_equal(rows: NDArray[np.float64], others: Any) -> NDArray[np.bool_]:
