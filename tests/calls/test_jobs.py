@@ -1,5 +1,6 @@
 """Many jobs on processes and executors: order, failures, deaths, and the same bits as the calls."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -18,7 +19,7 @@ from match_samples import K, fill_database, parquet
 from nonsac import Job, estimate_many, simulate
 from nonsac.calls.registry import CALLS, Call
 from nonsac.io import read_colmap_pair
-from nonsac.running.processes import WorkerDied, WorkerProcesses
+from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 
@@ -517,3 +518,9 @@ def test_closed_workers_take_no_task():
     pool.shutdown(cancel_futures=True)
     with pytest.raises(RuntimeError):
         pool.submit(divmod, 7, 2)
+
+
+def test_a_process_that_may_start_none_says_so(monkeypatch):
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
+    with pytest.raises(CannotStart, match=r"multiprocessing\.Pool are, and may start none; set workers=1 here"):
+        next(estimate_many([job("a")], workers=2))

@@ -252,10 +252,13 @@ def test_other_workers_are_refused_by_name(wrong):
 
 def test_a_task_may_use_the_executor_that_it_runs_on():
     """It would wait for a thread while it occupies the only one."""
-    with ThreadPoolExecutor(1) as pool:
+    pool = ThreadPoolExecutor(1)
+    try:
         inside = pool.submit(lambda: list(ordered_map(square, 5, pool)))
         assert inside.result(timeout=30) == [0, 1, 4, 9, 16]
         assert parsed(pool) is pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 @pytest.mark.parametrize("made", ["ThreadPoolExecutor(1)", "ProcessPoolExecutor(1, mp_context=fork)"])

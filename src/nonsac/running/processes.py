@@ -20,6 +20,7 @@ __all__ = ["CannotStart", "WorkerDied", "WorkerProcesses", "can_spawn", "end_wit
 _ATTEMPTS = 2
 _PATIENCE = 1.0  # seconds, between the end of a pipe and that of its process
 _NEEDS_GUARD = "a script that uses several processes has to do so under `if __name__ == '__main__':`"
+_IS_DAEMON = "this process is a daemon, as those of multiprocessing.Pool are, and may start none; set workers=1 here"
 
 
 class WorkerDied(RuntimeError):
@@ -56,6 +57,8 @@ class WorkerProcesses(Executor):
     def __init__(self, count: int) -> None:
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise CannotStart(_NEEDS_GUARD)
+        if multiprocessing.current_process().daemon:
+            raise CannotStart(_IS_DAEMON)
         self._max_workers = count
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="nonsac")
         self._own = threading.local()
