@@ -43,7 +43,7 @@ CALLS = {
         f(PAIRS.source), f(PAIRS.target), scale=None, refine="full", **options
     ),
     "weights": lambda f, **options: nonsac.register_pairs(
-        PAIRS.source, PAIRS.target, weights=np.abs(f(PAIRS.source))[:, 0] + 1, **options
+        PAIRS.source, PAIRS.target, weights=np.append(np.abs(f(PAIRS.source))[1:, 0], 1), **options
     ),
     "clouds": lambda f, **options: nonsac.register_clouds(f(PAIRS.source), f(PAIRS.target), samples=1, workers=1),
 }
