@@ -47,8 +47,8 @@ def relative_pose(
         this order; if it has columns of these names, they are picked by them.
     camera1, camera2 : camera, optional
         A matrix K (3, 3), `(fx, fy, cx, cy)`, `(K, distortion)` as OpenCV has them, a COLMAP model string or dict, or
-        a `Camera`; `camera2` is `camera1` if it is left out. Nothing is shifted: points and cameras share one convention for the centres of pixels, (0, 0)
-        for the first one as in OpenCV or (0.5, 0.5) as in COLMAP.
+        a `Camera`; `camera2` is `camera1` if it is left out. Nothing is shifted: points and cameras share one
+        convention for the centres of pixels, (0, 0) for the first one as in OpenCV or (0.5, 0.5) as in COLMAP.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit: the certainty of a dense matcher, say.
     noise : float, optional
