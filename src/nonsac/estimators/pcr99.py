@@ -18,6 +18,7 @@ from nonsac.kernels.consistency import (
     sum_consistent_ratios,
 )
 from nonsac.layouts import Array, Rows
+from nonsac.numeric import as_real, as_whole, shown
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.fits import inlier_fit, reweighted_fit
 from nonsac.problems.noise import Noise
@@ -84,14 +85,16 @@ class Pcr99(Estimator):
             raise ValueError('rank="sum" adds up differences of log ratios; use compare="log_ratio"')
         if self.refit not in ("weighted", "once"):
             raise ValueError(f'refit must be "weighted" or "once", got {self.refit!r}')
-        if not self.tolerance > 0:
-            raise ValueError(f"tolerance must be positive, got {self.tolerance!r}")
-        object.__setattr__(self, "tolerance", float(self.tolerance))  # other types would compile the kernels anew
-        if self.enough_inliers is not None and not self.enough_inliers >= 0:
-            raise ValueError(f"enough_inliers must be None or a share of the rows, got {self.enough_inliers!r}")
+        if not 0 < as_real(self.tolerance) < np.inf:
+            raise ValueError(f"tolerance must be positive, got {shown(self.tolerance)}")
+        object.__setattr__(self, "tolerance", as_real(self.tolerance))  # other types would compile the kernels anew
+        if self.enough_inliers is not None and not as_real(self.enough_inliers) >= 0:
+            raise ValueError(f"enough_inliers must be None or a share of the rows, got {shown(self.enough_inliers)}")
         for name, least in (("min_valid", 0), ("max_valid", 1), ("max_drawn", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
+            number = as_whole(getattr(self, name))
+            if number is None or number < least:
+                raise ValueError(f"{name} must be a whole number of at least {least}, got {shown(getattr(self, name))}")
+            object.__setattr__(self, name, number)
 
     @classmethod
     def for_pairs(cls) -> Pcr99:

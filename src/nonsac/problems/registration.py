@@ -17,6 +17,7 @@ from nonsac.kernels.registration import (
     registration_residuals,
 )
 from nonsac.layouts import PAIRS, Array
+from nonsac.numeric import as_real, shown
 from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, robust_covariance
 from nonsac.problems.noise import Noise
@@ -43,9 +44,9 @@ class Registration(Streaming, Problem):
     def __post_init__(self) -> None:
         if self.scale is None:
             return
-        if not isinstance(self.scale, (int, float, np.floating, np.integer)) or not 0 < self.scale < np.inf:
-            raise ValueError(f"scale must be positive, or None to estimate it, got {self.scale!r}")
-        object.__setattr__(self, "scale", float(self.scale))  # other types would compile the kernels anew
+        if not 0 < as_real(self.scale) < np.inf:
+            raise ValueError(f"scale must be positive, or None to estimate it, got {shown(self.scale)}")
+        object.__setattr__(self, "scale", as_real(self.scale))  # other types would compile the kernels anew
 
     def solve_minimal(self, samples: Array) -> Array:
         """Models of B samples of three rows (B, 3, 6); collinear samples have none."""

@@ -37,6 +37,7 @@ def demo_scans(rng: Seed, points: int = 20_000, noise: float = 0.002) -> CloudPa
     """
     check_count("points", points)
     check_not_negative("noise", noise)
+    points, noise = int(points), float(noise)
     generator = generator_of(rng)
     T = random_motion(generator)
     scans, shares = [], []

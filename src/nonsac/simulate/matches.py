@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.numeric import as_real, shown
 from nonsac.simulate.motions import (
     Floats,
     Seed,
@@ -112,8 +113,9 @@ def registration(n: int, outlier_ratio: float, noise: float, rng: Seed, scale: f
         If an argument is out of its range.
     """
     check_matches(n, outlier_ratio, noise)
-    if not 0 < scale < np.inf:
-        raise ValueError(f"scale is {scale}; expected a finite number above 0")
+    n, noise = int(n), float(noise)
+    if not 0 < as_real(scale) < np.inf:
+        raise ValueError(f"scale is {shown(scale)}; expected a finite number above 0")
     generator = generator_of(rng)
     T = random_motion(generator, scale)
     source = generator.random((n, 3))
@@ -157,6 +159,7 @@ def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Imag
         If an argument is out of its range.
     """
     check_matches(n, outlier_ratio, noise)
+    n, noise = int(n), float(noise)
     generator = generator_of(rng)
     T = second_camera(generator)
     points1, points2, _ = _seen_by_both(T, n, generator)
@@ -193,6 +196,7 @@ def absolute_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Poin
         If an argument is out of its range.
     """
     check_matches(n, outlier_ratio, noise)
+    n, noise = int(n), float(noise)
     generator = generator_of(rng)
     T = second_camera(generator)
     points1, points2d, depths = _seen_by_both(T, n, generator)
