@@ -1,0 +1,2 @@
+CALLS={}
+class CallKind: pass

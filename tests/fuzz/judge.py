@@ -1,0 +1,86 @@
+"""What an input may do: which errors are documented, how long it may take and how much memory."""
+
+from __future__ import annotations
+
+import re
+import traceback
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import nonsac
+
+SECONDS = 5.0
+BYTES = 256 * 2**20
+_HOME = str(Path(nonsac.__file__).parent)
+_LONGEST = 4000
+_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
+_NO_MEMORY = re.compile(r"[Uu]nable to allocate|malloc|memory allocation failed|[Oo]ut of memory|realloc of size")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What was wrong with an input.
+
+    Attributes
+    ----------
+    kind
+        "error", "message", "warning", "wrong", "memory", "slow", "hang" or "crash".
+    place
+        The last line of the package that was reached, if it is known.
+    detail
+        What was seen.
+    """
+
+    kind: str
+    place: str
+    detail: str
+
+    @property
+    def signature(self) -> str:
+        """The same for failures of one cause, most likely."""
+        detail = re.sub(r"\d+", "N", re.sub(r"/\S+|'[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)", "_", self.detail))
+        return f"{self.kind} | {self.place} | {detail[:60]}"
+
+
+def judged(
+    error: BaseException, documented: tuple[type[BaseException], ...], names: tuple[str, ...]
+) -> Failure | None:
+    """Whether an error is one that is documented: of a known type, with a sentence that names what is at fault."""
+    place, text = _place(error), f"{type(error).__name__}: {error}"
+    if isinstance(error, AssertionError) and not place.startswith("src"):
+        return Failure("wrong", "", str(error)[:300])
+    if no_memory(error):
+        return Failure("memory", place, text[:300])
+    if not isinstance(error, documented):
+        return Failure("error", place, text[:300])
+    message = str(error)
+    if not any(name in message for name in names):
+        return Failure("message", place, f"names neither file nor argument: {text[:300]}")
+    if _CONTROL.search(message) or len(message) > _LONGEST:
+        return Failure("message", place, f"of {len(message)} characters, {ascii(text[:200])}")
+    return None
+
+
+def no_memory(error: BaseException | None) -> bool:
+    """Whether memory ran out, even if this was then taken for a damaged file."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def warned(warning: warnings.WarningMessage) -> Failure:
+    place = warning.filename.replace(_HOME, "src")
+    return Failure("warning", f"{place}:{warning.lineno}", f"{warning.category.__name__}: {warning.message}"[:300])
+
+
+def _place(error: BaseException) -> str:
+    """The last line of the package that was reached."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.startswith(_HOME)]
+    if not frames:
+        return ""
+    return f"{frames[-1].filename.replace(_HOME, 'src')}:{frames[-1].lineno} {frames[-1].name}"
