@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzz import arguments, judge
+from fuzz.folders import remove_files, write_files
 from fuzz.formats import FORMATS, Format
 
 
@@ -26,13 +26,13 @@ class FileCase:
             try:
                 read(self.folder)
             except BaseException as error:
-                failure = judge.judged(error, self.format.documented(), (*self._names(), str(self.folder)))
+                failure = judge.judged(error, self.format.documented(), self._names(), hostile=True)
                 if failure is not None:
                     return failure
         return None
 
     def _names(self) -> set[str]:
-        return {Path(name).parts[0] for name in self.files}
+        return {str(self.folder), *(Path(name).parts[0] for name in self.files)}
 
 
 class FileKind:
@@ -80,25 +80,18 @@ class FileKind:
         return FileCase(self.format, folder, files)
 
 
-def write_files(folder: Path, files: dict[str, bytes]) -> None:
-    root, made = str(folder), set()
-    for name, content in files.items():
-        parent = os.path.dirname(name)
-        if parent and parent not in made:
-            os.makedirs(os.path.join(root, parent), exist_ok=True)
-            made.add(parent)
-        with open(os.path.join(root, name), "wb", buffering=0) as file:
-            file.write(content)
-
-
-def remove_files(folder: Path) -> None:
-    for entry in os.scandir(folder):
-        if entry.is_dir(follow_symlinks=False):
-            remove_files(Path(entry.path))
-            os.rmdir(entry.path)
-        else:
-            os.unlink(entry.path)
-
-
 KINDS: dict[str, Any] = {name: FileKind(format) for name, format in FORMATS.items()}
 KINDS.update({name: arguments.CallKind(call) for name, call in arguments.CALLS.items()})
+
+
+def kind_of(name: str) -> Any:
+    """One of these kinds, or one that fails on purpose."""
+    if name in KINDS:
+        return KINDS[name]
+    from fuzz.planted import PLANTED
+
+    KINDS_ON_PURPOSE.setdefault(name, FileKind(PLANTED[name]))
+    return KINDS_ON_PURPOSE[name]
+
+
+KINDS_ON_PURPOSE: dict[str, Any] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import traceback
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,9 +45,12 @@ class Failure:
 
 
 def judged(
-    error: BaseException, documented: tuple[type[BaseException], ...], names: tuple[str, ...]
+    error: BaseException, documented: tuple[type[BaseException], ...], names: Iterable[str], hostile: bool
 ) -> Failure | None:
-    """Whether an error is one that is documented: of a known type, with a sentence that names what is at fault."""
+    """Whether an error is one that is documented: of a known type, with a sentence that names what is at fault.
+
+    A sentence about a hostile file is short, too, and holds no control characters, which a terminal would obey.
+    """
     place, text = _place(error), f"{type(error).__name__}: {error}"
     if isinstance(error, AssertionError) and not place.startswith("src"):
         return Failure("wrong", "", str(error)[:300])
@@ -57,8 +61,8 @@ def judged(
     message = str(error)
     if not any(name in message for name in names):
         return Failure("message", place, f"names neither file nor argument: {text[:300]}")
-    if _CONTROL.search(message) or len(message) > _LONGEST:
-        return Failure("message", place, f"of {len(message)} characters, {ascii(text[:200])}")
+    if hostile and (_CONTROL.search(message) or len(message) > _LONGEST):
+        return Failure("message", place, f"of {len(message)} characters, {text[:200]!a}")
     return None
 
 

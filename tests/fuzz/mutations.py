@@ -8,6 +8,7 @@ import random
 import re
 import sqlite3
 import struct
+import warnings
 import zipfile
 from collections.abc import Callable, Sequence
 
@@ -20,7 +21,9 @@ _TOKEN = re.compile(rb"[^\s,;:=\[\]{}()\"'<>]+")
 _NUMBERS = [
     *(b"-1 0 1 2 3 7 255 256 65535 65536 2147483647 2147483648 4294967295 4294967296 -2147483649").split(),
     *(b"9223372036854775807 9223372036854775808 18446744073709551615 18446744073709551616 1e10 1e30 -1e30").split(),
-    *(b"1e308 1e309 5e-324 nan NaN -nan inf -inf Infinity -1.#IND 1.#QNAN 0x10 1_000 1,5 1d5 +5 -0 .5 5. 1e 1e400").split(),
+    *(
+        b"1e308 1e309 5e-324 nan NaN -nan inf -inf Infinity -1.#IND 1.#QNAN 0x10 1_000 1,5 1d5 +5 -0 .5 5. 1e 1e400"
+    ).split(),
     *(b"True False None null true 1j 0.1f 1/2 1.2.3 ** ~ ? - . e").split(),
     b"10000000000000000000000",
     b"9" * 400,
@@ -30,11 +33,53 @@ _NUMBERS = [
     "²".encode(),
     b"",
 ]
-_WORDS = [b"#", b"//", b"%", b"\x00", b"\xef\xbb\xbf", b"\xff\xfe", b'"', b"'", b"\t", b"\r", b"\x1b[2J", b"\x0c", b" ", b","]
-_WORDS += [b";", b"|", b"\n", b"\r\n", b"\x85", "\u2028".encode(), b"\x1a", b"../..", b"/", b"%s%n", b"A" * 3000, b"NULL"]
+_WORDS = [
+    b"#",
+    b"//",
+    b"%",
+    b"\x00",
+    b"\xef\xbb\xbf",
+    b"\xff\xfe",
+    b'"',
+    b"'",
+    b"\t",
+    b"\r",
+    b"\x1b[2J",
+    b"\x0c",
+    b" ",
+    b",",
+]
+_WORDS += [
+    b";",
+    b"|",
+    b"\n",
+    b"\r\n",
+    b"\x85",
+    "\u2028".encode(),
+    b"\x1a",
+    b"../..",
+    b"/",
+    b"%s%n",
+    b"A" * 3000,
+    b"NULL",
+]
 _INTEGERS = [0, 1, 2, 3, 7, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 10**6, 10**8, 2**31 - 1, 2**31, 2**32 - 1, 2**32]
 _INTEGERS += [2**40, 2**48, 2**61, 2**62, 2**63 - 1, 2**63, 2**64 - 1]
-_FLOATS = [0.0, -0.0, 1.0, -1.0, 1e30, 1e300, -1e300, 5e-324, float("nan"), float("inf"), float("-inf"), 1e-300, 2.0**53]
+_FLOATS = [
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    1e30,
+    1e300,
+    -1e300,
+    5e-324,
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+    1e-300,
+    2.0**53,
+]
 
 
 def mutated(rng: random.Random, files: Files, other: Files, aware: Sequence[Change] = ()) -> Files:
@@ -71,7 +116,9 @@ def flip_bit(rng: random.Random, content: bytes, other: bytes) -> bytes:
 
 
 def set_byte(rng: random.Random, content: bytes, other: bytes) -> bytes:
-    return _put(content, _place(rng, content), bytes([rng.choice((0, 1, 9, 10, 32, 127, 128, 255, rng.randrange(256)))]))
+    return _put(
+        content, _place(rng, content), bytes([rng.choice((0, 1, 9, 10, 32, 127, 128, 255, rng.randrange(256)))])
+    )
 
 
 def set_integer(rng: random.Random, content: bytes, other: bytes) -> bytes:
@@ -213,9 +260,54 @@ TEXT: Sequence[Change] = (set_token, set_token, set_token, change_line, insert_w
 
 # --- JSON --------------------------------------------------------------------------------------
 
-_VALUES = [None, True, False, 0, 1, -1, 2**31, 2**63, 10**30, 1e300, 0.5, float("nan"), float("inf"), "", "x", "1", "NaN"]
-_VALUES += [[], {}, [0], [[]], [-1, 4], [10**18, 4], [0, 4], [4, 0], [1e3, 4], ["4", 4], [None], [True, 4], {"name": "x"}]
-_VALUES += ["<f8", "<i2", "|O", "|V8", "<M8[s]", "float64", "complex128", "\x1b[2J", "a\nb", "../../x", "\x00", "A" * 3000]
+_VALUES = [
+    None,
+    True,
+    False,
+    0,
+    1,
+    -1,
+    2**31,
+    2**63,
+    10**30,
+    1e300,
+    0.5,
+    float("nan"),
+    float("inf"),
+    "",
+    "x",
+    "1",
+    "NaN",
+]
+_VALUES += [
+    [],
+    {},
+    [0],
+    [[]],
+    [-1, 4],
+    [10**18, 4],
+    [0, 4],
+    [4, 0],
+    [1e3, 4],
+    ["4", 4],
+    [None],
+    [True, 4],
+    {"name": "x"},
+]
+_VALUES += [
+    "<f8",
+    "<i2",
+    "|O",
+    "|V8",
+    "<M8[s]",
+    "float64",
+    "complex128",
+    "\x1b[2J",
+    "a\nb",
+    "../../x",
+    "\x00",
+    "A" * 3000,
+]
 
 
 def change_json(rng: random.Random, content: bytes, other: bytes) -> bytes:
@@ -277,19 +369,37 @@ def change_member(rng: random.Random, content: bytes, other: bytes) -> bytes:
         change = rng.choice((*TEXT, *BYTES) if what < 3 else (set_token,))
         members[place] = name, change(rng, body, members[0][1])[:MOST_BYTES]
     elif what == 5:
-        members[place] = rng.choice(("x.npy", "points", "", "../a.npy", name.upper(), "points.npy.npy", "weights.npy")), body
+        members[place] = (
+            rng.choice(("x.npy", "points", "", "../a.npy", name.upper(), "points.npy.npy", "weights.npy")),
+            body,
+        )
     elif what == 6:
         members.insert(place, (name, members[0][1]))
     else:
         del members[place]
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
+    with (
+        warnings.catch_warnings(action="ignore"),  # of names that come twice
+        zipfile.ZipFile(buffer, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive,
+    ):
         for name, body in members:
             archive.writestr(zipfile.ZipInfo(name or "a"), body)
     return buffer.getvalue()
 
 
-_SQL_VALUES = ["NULL", "-1", "0", "1", "2147483648", "9223372036854775807", "1e300", "'x'", "x''", "x'00'", "x'ffffffff'"]
+_SQL_VALUES = [
+    "NULL",
+    "-1",
+    "0",
+    "1",
+    "2147483648",
+    "9223372036854775807",
+    "1e300",
+    "'x'",
+    "x''",
+    "x'00'",
+    "x'ffffffff'",
+]
 _SQL_VALUES += ["zeroblob(16)", "zeroblob(60000)", "randomblob(32)", "'1'", "0.5", "'\x1b[2J'"]
 
 
@@ -321,7 +431,11 @@ def change_rows(rng: random.Random, content: bytes, other: bytes) -> bytes:
                     f"CREATE VIEW {table} AS {endless} SELECT {listed} FROM n, t0",
                 ],
                 [f"ALTER TABLE {table} RENAME TO t0", f"CREATE VIEW {table} AS SELECT {large} FROM t0"],
-                [f"CREATE TABLE t1 AS SELECT * FROM {table}", f"DROP TABLE {table}", f"ALTER TABLE t1 RENAME TO {table}"],
+                [
+                    f"CREATE TABLE t1 AS SELECT * FROM {table}",
+                    f"DROP TABLE {table}",
+                    f"ALTER TABLE t1 RENAME TO {table}",
+                ],
                 [f"INSERT INTO {table} SELECT * FROM {table}"],
             )
         )

@@ -53,9 +53,15 @@ class Report:
         return sum(map(len, self.failures.values()))
 
     def __str__(self) -> str:
-        megabytes = self.largest[0] / 2**20
-        line = f"{self.kind:18} {self.inputs:9,} inputs {self.failed:6,} failures  slowest {self.slowest[0]:6.2f} s (#{self.slowest[1]})"
-        line += f"  largest {megabytes:5.0f} MB (#{self.largest[1]})  {self.seconds / max(1, self.inputs) * 1e3:6.2f} ms each"
+        seconds, slowest = self.slowest
+        size, largest = self.largest
+        figures = [
+            f"{self.kind:32} {self.inputs:9,} inputs {self.failed:6,} failures",
+            f"slowest {seconds:5.2f} s (#{slowest})",
+            f"largest {size / 2**20:4.0f} MB (#{largest})",
+            f"{self.seconds / max(1, self.inputs) * 1e3:6.2f} ms each",
+        ]
+        line = "  ".join(figures)
         return line + ("  ENDED EARLY" if self.deaths >= _MOST_DEATHS else "")
 
 
@@ -70,7 +76,7 @@ def fuzz(
     reports = {kind: Report(kind) for kind in counts}
     jobs: queue.SimpleQueue[tuple[str, int, int]] = queue.SimpleQueue()
     for kind, count in counts.items():
-        block = max(1, min(4000, int(_BLOCK * 1000 / cases.KINDS[kind].cost)))
+        block = max(1, min(4000, int(_BLOCK * 1000 / cases.kind_of(kind).cost)))
         for start in range(first, first + count, block):
             jobs.put((kind, start, min(start + block, first + count)))
     lock, errors = threading.Lock(), []
@@ -193,7 +199,7 @@ class _Process:
         with open(self.folder / "state", "w+b") as file:
             file.truncate(STATE.size)
             self.state = mmap.mmap(file.fileno(), STATE.size)
-        self.stderr = open(self.folder / "stderr", "w+b")
+        self.stderr = open(self.folder / "stderr", "w+b")  # noqa: SIM115 (the worker writes to it)
         command = [sys.executable, str(Path(__file__).with_name("worker.py")), str(self.folder)]
         environment = os.environ | {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         environment |= {"MALLOC_ARENA_MAX": "2", "RUST_BACKTRACE": "0", "MPLBACKEND": "agg"}
@@ -204,7 +210,8 @@ class _Process:
         return self.process
 
     def _events(self) -> list[dict]:
-        assert self.process is not None and self.process.stdout is not None
+        assert self.process is not None
+        assert self.process.stdout is not None
         if not select.select([self.process.stdout], [], [], 0.1)[0]:
             return []
         self.rest += os.read(self.process.stdout.fileno(), 2**20)
@@ -223,7 +230,9 @@ class _Process:
         return lines[0].replace('File "', "").replace('"', "").rpartition("nonsac/")[2] if lines else ""
 
     def _how(self, code: int) -> str:
-        said = [line for line in self._said().splitlines() if line.strip() and not line.startswith(("  File", "Extension"))]
+        said = [
+            line for line in self._said().splitlines() if line.strip() and not line.startswith(("  File", "Extension"))
+        ]
         name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         return f"{name}: {' | '.join(said[-4:])[:300]}"
 

@@ -1,8 +1,8 @@
 """Try many damaged files and odd arguments, and say what went wrong.
 
-    python tests/fuzz/run.py 100000                 # of all kinds together
-    python tests/fuzz/run.py 20000 --format ply     # of all kinds whose name begins so
-    python tests/fuzz/run.py --replay fuzz-failures/ply-ascii/123
+python tests/fuzz/run.py 100000                 # of all kinds together
+python tests/fuzz/run.py 20000 --format ply     # of all kinds whose name begins so
+python tests/fuzz/run.py --replay fuzz-failures/ply-ascii/123
 """
 
 from __future__ import annotations
@@ -14,8 +14,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from fuzz import cases, judge, pool  # noqa: E402
+from fuzz import cases, judge, pool
+from fuzz.arguments import CALLS
+from fuzz.formats import FORMATS
 
+GROUPS = {"files": FORMATS, "calls": CALLS}
 _SAVED = 3  # inputs of each kind of failure
 
 
@@ -27,6 +30,8 @@ def shared_out(total: int, kinds: list[str]) -> dict[str, int]:
 
 def chosen(prefix: str) -> list[str]:
     kinds = [kind for kind in cases.KINDS if kind.startswith(prefix)]
+    if prefix in GROUPS:
+        kinds = list(GROUPS[prefix])
     for kind in list(kinds):
         if cases.KINDS[kind].missing:
             print(f"{kind:18} left out: {', '.join(cases.KINDS[kind].missing)} is not installed")
@@ -37,7 +42,7 @@ def chosen(prefix: str) -> list[str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("inputs", type=int, nargs="?", default=10_000, help="how many, of all kinds together")
-    parser.add_argument("--format", default="", help="only kinds whose name begins like this")
+    parser.add_argument("--format", default="", help="only kinds whose name begins so, or files, or calls")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first input of each kind")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)), help="processes")

@@ -19,7 +19,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from fuzz import cases, judge  # noqa: E402
+from fuzz import cases, judge
 
 # Number of the input; when it began, 0 between inputs; how many were tried; the slowest and the largest, with numbers.
 STATE = struct.Struct("<qdqdqqq")
@@ -43,7 +43,7 @@ class Worker:
 
     def run(self, name: str, seed: int, start: int, stop: int) -> None:
         """Try inputs `start` to `stop - 1` of a kind."""
-        kind = cases.KINDS[name]
+        kind = cases.kind_of(name)
         if name not in self.ready:
             _limit(None)
             kind.warm_up()
