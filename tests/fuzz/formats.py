@@ -323,7 +323,7 @@ def _npy_seeds() -> list[Files]:
         np.asfortranarray(_ROWS[:, :4]),
         _fields(["x1", "y1", "x2", "y2"]),
     ]
-    contents = [*map(_saved, arrays), npy((5, 3), _ROWS[:5, :3].tobytes()), npy("(True, 3)", _ROWS[:5, :3].tobytes())]
+    contents = [*map(_saved, arrays), npy((5, 3), _ROWS[:5, :3].tobytes())]
     return [{"a.npy": content} for content in contents]
 
 

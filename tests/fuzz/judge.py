@@ -56,6 +56,8 @@ def judged(
         return Failure("wrong", "", str(error)[:300])
     if no_memory(error):
         return Failure("memory", place, text[:300])
+    if any(isinstance(each, NameError) for each in _chain(error)):
+        return Failure("error", place, f"a mistake in the code, taken for damage: {text[:300]}")
     if not isinstance(error, documented):
         return Failure("error", place, text[:300])
     message = str(error)
@@ -66,15 +68,18 @@ def judged(
     return None
 
 
-def no_memory(error: BaseException | None) -> bool:
+def no_memory(error: BaseException) -> bool:
     """Whether memory ran out, even if this was then taken for a damaged file."""
-    seen: set[int] = set()
-    while error is not None and id(error) not in seen:
-        seen.add(id(error))
-        if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):
-            return True
+    return any(isinstance(each, MemoryError) or _NO_MEMORY.search(str(each)) for each in _chain(error))
+
+
+def _chain(error: BaseException | None) -> list[BaseException]:
+    """An error and what it was raised in the place of."""
+    chain: list[BaseException] = []
+    while error is not None and error not in chain:
+        chain.append(error)
         error = error.__cause__ or error.__context__
-    return False
+    return chain
 
 
 def warned(warning: warnings.WarningMessage) -> Failure:
