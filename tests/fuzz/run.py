@@ -23,8 +23,8 @@ _SAVED = 3  # inputs of each kind of failure
 
 
 def shared_out(total: int, kinds: list[str]) -> dict[str, int]:
-    """How many inputs of each kind: the more the cheaper they are, so that no kind takes most of the time."""
-    shares = {kind: cases.KINDS[kind].cost ** -0.7 for kind in kinds}
+    """How many inputs of each kind: the cheaper the more, and more of files than of arguments."""
+    shares = {kind: (3 if kind in FORMATS else 1) * cases.KINDS[kind].cost ** -0.7 for kind in kinds}
     return {kind: max(1, round(total * share / sum(shares.values()))) for kind, share in shares.items()}
 
 

@@ -3,9 +3,6 @@
 import pytest
 
 from fuzz import cases, formats, pool, run
-from nonsac import io as nio
-from nonsac.io.clouds import READERS
-from nonsac.sources.open import _OPENERS
 
 _USUAL = 3500
 
@@ -62,31 +59,3 @@ def _is_refused(read, folder):
     except ValueError:
         return True
     return False
-
-
-def test_every_reader_has_a_format():
-    """What reads a file is fuzzed: whoever adds a reader adds a format here."""
-    suffixes = {"." + name for files in _names() for name in files}
-    assert set(READERS) <= suffixes
-    assert {"read_cloud", "read_colmap_pair", "read_colmap_points", "read_colmap_pose", "read_hloc", "read_matches"} | {
-        "read_pairs",
-        "read_points",
-        "read_transform",
-    } == {name for name in nio.__all__ if name.startswith("read_")}
-    assert {
-        "Parquet file",
-        "Arrow file",
-        "NumPy array",
-        "NumPy archive",
-        "HDF5 file",
-        "Zarr folder",
-        "LAS file",
-        "text table",
-    } == set(_OPENERS)
-
-
-def _names():
-    for name, format in formats.FORMATS.items():
-        if not cases.KINDS[name].missing:
-            for files in format.seeds():
-                yield [file.rpartition(".")[2] for file in files]
