@@ -17,7 +17,7 @@ import numpy as np
 
 import match_samples
 import nonsac
-from fuzz import mutations
+from fuzz import bombs, mutations
 from fuzz.mutations import ARCHIVE, DATABASE, JSON, TEXT, Change, Files
 from io_samples import FACES, XYZ, compressed, mixed_faces, npy, npz, pcd_header, ply_header
 from nonsac import io as nio
@@ -96,6 +96,14 @@ def exhaust(source: nonsac.Source) -> None:
 
 def _check(rows: Any) -> None:
     assert not np.any(rows == CANARY), "the content of another file"
+
+
+def _read_any(folder: Path) -> None:
+    for path in folder.iterdir():
+        if path.suffix == ".pcd":
+            nio.read_cloud(path)
+        elif path.suffix != ".bin":
+            exhaust(nonsac.open_source(path))
 
 
 def _points(read: Callable[[Path], Any]) -> Callable[[Path], object]:
@@ -769,5 +777,6 @@ FORMATS: dict[str, Format] = {
     ),
     "manifest-csv": Format(_manifest_csv, [_read_manifest("m.csv")], TEXT, documented=lambda: (ValueError,)),
     "manifest-jsonl": Format(_manifest_jsonl, [_read_manifest("m.jsonl")], JSON, documented=lambda: (ValueError,)),
+    "bombs": Format(bombs.seeds, [_read_any], (), bombs.one, cost=200),
     "journal": Format(_journal_seeds, [_read_journal], JSON, documented=lambda: (ValueError,)),
 }

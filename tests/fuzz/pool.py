@@ -23,7 +23,7 @@ from fuzz import cases, judge
 from fuzz.worker import STATE
 
 _BLOCK = 2.0  # seconds of a block of inputs, about
-_PATIENCE = 60.0  # seconds for a worker to begin
+_PATIENCE = 300.0  # seconds for a worker to begin: kernels may have to be compiled
 _MOST_DEATHS = 25  # of workers, by inputs of one kind; then this kind ends
 
 
