@@ -40,8 +40,9 @@ class Failure:
     @property
     def signature(self) -> str:
         """The same for failures of one cause, most likely."""
-        detail = re.sub(r"\d+", "N", re.sub(r"/\S+|'[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)", "_", self.detail))
-        return f"{self.kind} | {self.place} | {detail[:60]}"
+        detail = self.detail.partition(":")[0] if self.kind in ("error", "memory", "hang") else self.detail
+        detail = re.sub(r"\d+", "N", re.sub(r"/\S+|'[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)", "_", detail))
+        return f"{self.kind} | {self.place} | {detail[:70]}"
 
 
 def judged(
