@@ -1,12 +1,14 @@
 """Whether the verdict is right: answers to data with a truth and without one, against what `success` says of them.
 
     python benchmarks/verdict.py [--data FOLDER] [--seeds 1000] [--cloud-seeds 200] [--workers 2] [--journal FILE]
+    python benchmarks/verdict.py --miscalibrated [--seeds 200]
     python benchmarks/verdict.py --page
     python benchmarks/verdict.py --check
 
 The first writes benchmarks/results/verdict.json, then the picture and the block of docs/verdict.md that
 `verdict_page.py` makes of it; --page only makes these anew, and --check compares the page with the JSON. Real data are
-looked for in the folder that NONSAC_DATA names. With a journal, each outcome is kept as a line of JSON, and a run
+looked for in the folder that NONSAC_DATA names. The second measures cameras that are not what is said of them (see
+miscalibration.py). With a journal, each outcome is kept as a line of JSON, and a run
 that was stopped goes on there.
 """
 
@@ -26,6 +28,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import miscalibration
 import numpy as np
 import verdict_page
 from common import RESULTS, commit, say, write
@@ -430,6 +433,9 @@ def summaries(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
 def main() -> None:
     """Measure and write all, or write the page only, or compare it."""
     options = parse()
+    if options.miscalibrated:
+        miscalibration.measure(min(options.seeds, 200))
+        return
     if options.check:
         sys.exit(verdict_page.difference(JSON))
     if not options.page:
@@ -445,6 +451,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--samples", type=int, default=10, help="at most so many samples of given matches")
     parser.add_argument("--workers", type=int, default=2, help="processes; they do not change the results")
     parser.add_argument("--journal", type=Path, help="keeps each outcome; a run that was stopped goes on there")
+    parser.add_argument("--miscalibrated", action="store_true", help="measure wrong calibrations only")
     parser.add_argument("--page", action="store_true", help="write the page and the picture only")
     parser.add_argument("--check", action="store_true", help="compare the page with the JSON, and write nothing")
     return parser.parse_args()

@@ -3,9 +3,11 @@ import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from nonsac import AbsolutePose, Layout, Registration, RelativePose, Rows
-from nonsac.layouts import MATCHES, PAIRS, POINTS
+from nonsac.layouts import MATCHES, PAIRS, POINTS, distinct
 
 # --- layouts ----------------------------------------------------------------------------------------------------------
 
@@ -175,3 +177,36 @@ def test_rows_travel_to_another_process(rng):
     values, weights = table_of(rng)
     for rows in (Rows(values), Rows(values, weights)):
         assert_same(pickle.loads(pickle.dumps(rows)), rows.values, rows.weights)
+
+
+@pytest.mark.parametrize("copies", [1, 2, 4, 5, 1000])
+def test_rows_equal_to_more_than_three_others_count_once(rng, copies):
+    values = rng.standard_normal((300, 4))
+    values[::7] = 0.0
+    values[7, 0] = -0.0
+    padded = np.vstack([values, np.tile(values[5], (copies - 1, 1))])
+    order = rng.permutation(len(padded))
+    rows = Rows(padded[order], np.arange(len(padded))[order] + 1.0).without_padding()
+    expected = [*(i for i in range(300) if i % 7), 294]  # of the zeros the heaviest one
+    if copies <= 4:
+        expected += range(300, 299 + copies)
+    else:
+        expected[expected.index(5)] = len(padded) - 1
+    np.testing.assert_array_equal(np.sort(rows.weights) - 1.0, np.sort(expected))
+    np.testing.assert_array_equal(rows.values, padded[rows.weights.astype(int) - 1])
+    assert rows.copies == len(padded) - len(rows)
+
+
+def test_rows_without_padding_are_not_copied(rng):
+    rows = Rows(np.repeat(rng.standard_normal((200, 6)), 4, axis=0))
+    assert rows.without_padding() is rows
+
+
+@given(st.lists(st.integers(0, 5), max_size=40), st.integers(1, 3))
+def test_distinct_is_what_a_dictionary_says(numbers, at_most):
+    rows = np.array(numbers, np.float64).reshape(-1, 1) * [1.0, 0.5]
+    places = {}
+    for place, number in enumerate(numbers):
+        places.setdefault(number, []).append(place)
+    expected = sorted(place for each in places.values() for place in (each if len(each) <= at_most else each[:1]))
+    np.testing.assert_array_equal(distinct(rows, at_most=at_most), expected)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 WEIGHT = "weight"
+_ORIENTATIONS = 4
 
 
 @dataclass(frozen=True)
@@ -86,10 +87,13 @@ class Rows:
     values : (N, D) float64
     weights : (N,) float64 or None
         Not negative, in any unit; None if all rows count alike.
+    copies : int
+        How many more there were that are equal to one of these, and were left out.
     """
 
     values: Array
     weights: Array | None = None
+    copies: int = 0
 
     @classmethod
     def of(cls, table: Array, width: int) -> Rows:
@@ -104,6 +108,15 @@ class Rows:
         if self.weights is not None:
             usable &= np.isfinite(self.weights) & (self.weights > 0.0)
         return self if usable.all() else self[usable]
+
+    def without_padding(self) -> Rows:
+        """Rows that are equal to many others count once: padding, missing measurements, stuck sensors.
+
+        Four may be equal: feature detectors describe a point in several orientations, and matches that agree in more
+        than one of them are right more often than others.
+        """
+        chosen = distinct(self.values, self.weights, at_most=_ORIENTATIONS)
+        return self if len(chosen) == len(self) else replace(self[chosen], copies=len(self) - len(chosen))
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
@@ -136,3 +149,37 @@ class Rows:
         if len(self) <= most:
             return self
         return self[np.sort(np.random.default_rng(len(self)).choice(len(self), most, replace=False))]
+
+
+def distinct(rows: Array, weights: Array | None = None, at_most: int = 1) -> NDArray[np.int64]:
+    """Numbers of the different ones of some rows (N, D), in their order; of equal rows the one with the most weight.
+
+    Up to `at_most` rows may be equal; of more, one is left.
+    """
+    repeated = _perhaps_repeated(rows)
+    some = rows[repeated]
+    if not len(some):
+        return np.arange(len(rows))
+    order = np.lexsort(some.T if weights is None else (-weights[repeated], *some.T))
+    ordered = some[order]
+    is_first = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    group = np.cumsum(is_first) - 1
+    others = ~is_first & (np.bincount(group)[group] > at_most)
+    return np.delete(np.arange(len(rows)), repeated[order[others]])
+
+
+def _perhaps_repeated(rows: Array) -> NDArray[np.int64]:
+    """Numbers of the rows that share a hash with another one; sorting them all as they are takes ten times as long."""
+    hashes = hashed(rows)
+    ordered = np.sort(hashes)
+    twice = ordered[1:][ordered[1:] == ordered[:-1]]
+    return np.flatnonzero(np.isin(hashes, twice)) if len(twice) else np.empty(0, np.int64)
+
+
+def hashed(rows: Array) -> NDArray[np.uint64]:
+    """A number for each row (N, D): equal rows have the same, and different ones hardly ever do."""
+    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)  # a zero may be negative
+    hashes = np.zeros(len(rows), np.uint64)
+    for column in bits.T:
+        hashes = (hashes ^ (hashes >> np.uint64(29)) ^ column) * np.uint64(0x9E3779B97F4A7C15)
+    return hashes

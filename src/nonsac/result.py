@@ -60,6 +60,9 @@ class Remark(StrEnum):
     NOISE_SMALLER = "noise is smaller than given"
     NOT_FITTED_TO_ALL = "not fitted to all rows"
     ESTIMATOR_FAILED = "the estimator failed in some samples"
+    COPIES = "rows are equal to others"
+    MIRRORED = "mirrored"
+    OTHER_IMAGE = "points do not lie about the image of the camera"
 
     @property
     def explanation(self) -> str:
@@ -78,6 +81,9 @@ _REMARKS = {
     Remark.NOISE_SMALLER: "the inliers show less noise than was given, by a factor of three or more",
     Remark.NOT_FITTED_TO_ALL: "the answer is the one fitted to some rows",
     Remark.ESTIMATOR_FAILED: "the core estimator raised an exception; these samples count as empty",
+    Remark.COPIES: "rows equal to more than three others count once, as padding and missing measurements should",
+    Remark.MIRRORED: "one image looks like a mirror image of the other, or its x and y are exchanged",
+    Remark.OTHER_IMAGE: "was an image resized, are x and y exchanged, or is it another camera's",
 }
 
 

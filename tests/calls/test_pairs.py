@@ -47,6 +47,32 @@ def test_recovers_planted_motions(outliers, seed):
     assert errors @ np.linalg.solve(result.covariance, errors) < 22.5  # a chance of one in a thousand
 
 
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("noise", [NOISE, None])
+@pytest.mark.parametrize("estimator", ["default", "ransac", Pcr99(rank="sum")], ids=["default", "ransac", "sums"])
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1 / 60, 60.0, 1e3, 1e6])
+def test_units_that_differ_are_told_by_the_scale(rng, scale, estimator, noise, known):
+    """Metres against millimetres, either way: as right, and as sure, as metres against metres."""
+    pairs = simulate.registration(1500, 0.5, NOISE, rng=rng)
+    target = scale * pairs.target
+    chosen = {} if estimator == "default" else {"estimator": estimator}
+    noise = noise and scale * noise
+    result = register_pairs(pairs.source, target, scale=scale if known else None, noise=noise, **chosen)
+    assert result.success, result
+    assert result.scale == pytest.approx(scale, rel=0.003)
+    assert float(rotation_error(result.R, pairs.T[:3, :3])) < 0.3
+    assert result.confidence > 0.99
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_points_near_a_line_determine_no_rotation_at_any_scale(rng, scale):
+    source = np.column_stack([np.linspace(0, 1, 300), 0.003 * rng.standard_normal((300, 2))])
+    target = scale * (source + rng.normal(scale=NOISE, size=(300, 3)))
+    for asked in (scale, None):
+        result = register_pairs(source, target, scale=asked, noise=scale * NOISE)
+        assert result.status is Status.DEGENERATE, result
+
+
 @pytest.mark.parametrize("offset", [1e6, 1e7])
 def test_survey_coordinates_keep_their_digits(offset):
     pairs = simulate.registration(20_000, 0.95, NOISE, rng=0)

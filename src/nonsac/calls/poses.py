@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.calls.arguments import warn_dropped_rows
+from nonsac.calls.image_area import remarks_on_image_area
 from nonsac.calls.rows import rows_of_arrays, rows_of_source
 from nonsac.cameras.camera import Camera, CameraLike
 from nonsac.estimators.named import chosen_estimator
@@ -84,8 +85,9 @@ def relative_pose(
         rows = rows_of_arrays("relative_pose", {"points1": points1, "points2": points2}, MATCHES.widths, weights)
     a, b = rows.parts
     wrong_unit = [_warn_wrong_unit(a, "points1", first, "camera1"), _warn_wrong_unit(b, "points2", second, "camera2")]
+    remarks = (*remarks_on_image_area(a, "points1", first), *remarks_on_image_area(b, "points2", second))
     source = rows.through([_normaliser(first), _normaliser(second)])
-    return _judged(run(source, problem, estimator, chosen), any(wrong_unit))
+    return _judged(run(source, problem, estimator, chosen), any(wrong_unit), remarks)
 
 
 @shows_settings()
@@ -140,12 +142,15 @@ def absolute_pose(
     else:
         rows = rows_of_arrays("absolute_pose", {"points2d": points2d, "points3d": points3d}, POINTS.widths, weights)
     wrong_unit = _warn_wrong_unit(rows.parts[0], "points2d", parsed, "camera")
+    remarks = remarks_on_image_area(rows.parts[0], "points2d", parsed)
     source = rows.through([_normaliser(parsed), None])
-    return _judged(run(source, problem, estimator, chosen), wrong_unit)
+    return _judged(run(source, problem, estimator, chosen), wrong_unit, remarks)
 
 
-def _judged(result: Result, wrong_unit: bool) -> Result:
-    """The result; one that is not to be trusted if the points are in another unit than the cameras say."""
+def _judged(result: Result, wrong_unit: bool, remarks: tuple[str, ...]) -> Result:
+    """The result and further remarks; not to be trusted if the points are in another unit than the cameras say."""
+    if remarks:
+        result = replace(result, info=result.info | {"remarks": (*result.info["remarks"], *remarks)})
     warn_dropped_rows(result, "that are NaN or infinite, or that the lens maps no ray to", stacklevel=3)
     if wrong_unit and result.status in (Status.OK, Status.AMBIGUOUS):
         # What fits nearly parallel rays, or one point, is no pose.

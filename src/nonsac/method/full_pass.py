@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.layouts import Array, Rows
+from nonsac.layouts import Array, Rows, hashed
 from nonsac.method.mixture import Mixture
 from nonsac.method.noise import measured_noise
 from nonsac.method.refine import Refinement
@@ -30,6 +30,7 @@ _PIECE = 2**20
 _SAMPLED = 30_000
 _MOST_PASSES = 6
 _SETTLED = 3e-5  # standard errors
+_OFTEN = 1e-3  # share of the sampled rows
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,7 @@ class SumTask:
     weigher: LikelyInliers
     pivot: Array
     bounds: NDArray[np.int64]
+    repeated: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
 
     def __call__(self, piece: int) -> Sums:
         chunks = self.source.chunks(_CHUNK, int(self.bounds[piece]), int(self.bounds[piece + 1]))
@@ -111,6 +113,8 @@ class SumTask:
         rows = Rows.of(table, self.problem.width)
         if rows.weights is not None:  # as in samples: one weight that is no number would spoil all sums
             rows = rows.usable()
+        if len(self.repeated):
+            rows = rows[~np.isin(hashed(rows.values), self.repeated)]
         weigher = weighted(self.weigher, rows.weights)
         equations, residuals = self.streaming.normal_equations(self.model, rows.values, weigher, self.pivot)
         inliers = int(np.count_nonzero(residuals < self.threshold))
@@ -142,7 +146,8 @@ def first_pass(search: Search, model: Array) -> SumTask | None:
     """The first pass; None if the inliers fit exactly, so that there is nothing to gain."""
     source, problem, noise = search.task.source, search.problem, search.noise
     assert problem.streaming is not None
-    sampled = rows_of(problem, source.take(union_rows(len(source), 0, search.task.seed, _SAMPLED)))
+    drawn = source.take(union_rows(len(source), 0, search.task.seed, _SAMPLED))
+    sampled = rows_of(problem, drawn)
     if isinstance(source, HeldSource):  # workers read the file where they are
         source = source.source
     residuals = Residuals.of(problem, model, sampled)
@@ -152,7 +157,14 @@ def first_pass(search: Search, model: Array) -> SumTask | None:
     weigher = Mixture.seen_in(residuals, sigma, problem.residual_dimension).weigher
     pivot = problem.streaming.pivot(sampled.values)
     bounds = piece_bounds(source)
-    return SumTask(source, problem, problem.streaming, model, noise.threshold, weigher, pivot, bounds)
+    repeated = _often_repeated(drawn[:, : problem.width]) if sampled.copies else np.empty(0, np.uint64)
+    return SumTask(source, problem, problem.streaming, model, noise.threshold, weigher, pivot, bounds, repeated)
+
+
+def _often_repeated(rows: Array) -> NDArray[np.uint64]:
+    """Hashes of rows that come so often that their copies, which say nothing new, would move a fit."""
+    different, counts = np.unique(hashed(rows), return_counts=True)
+    return different[counts > max(_OFTEN * len(rows), 2.0)]
 
 
 def piece_bounds(source: Source) -> NDArray[np.int64]:

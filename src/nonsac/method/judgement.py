@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nonsac.layouts import Array, Rows
-from nonsac.method.noise import measured_noise
+from nonsac.method.noise import measured_noise, noise_remarks
 from nonsac.method.verdict import Candidate, Effort, Verdict, alternative, judge_rows
 from nonsac.problems.contract import Problem
 from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
 from nonsac.problems.noise import Noise
-from nonsac.result import Hypothesis, Remark, Status
+from nonsac.result import Hypothesis, Status
 
 _COVARIANCE_ROWS = 5000
 _RIVAL_ROWS, _NEARLY_AS_MUCH = 20_000, 0.8
-_VERY_DIFFERENT = 3.0
 _UNREPORTED_CONFIDENCE, _MOST_UNREPORTED = 0.99, 10**6
 
 
@@ -62,7 +61,7 @@ class Judgement:
         trusted = self.verdict.status in (Status.OK, Status.AMBIGUOUS)
         if not self.candidate.noise.known or not (trusted or self.verdict.remarks):
             return self.verdict.remarks
-        return (*self.verdict.remarks, *_on_noise(self.noise / self.candidate.noise.sigma))
+        return (*self.verdict.remarks, *noise_remarks(self.noise, self.candidate.noise.sigma))
 
 
 def effort_of(problem: Problem, hypotheses: Sequence[Hypothesis]) -> Effort:
@@ -115,12 +114,3 @@ def _beside_rival(candidate: Candidate, verdict: Verdict, hypotheses: Sequence[H
     if share < _NEARLY_AS_MUCH * candidate.support:
         return replace(verdict, alternatives=alternatives)
     return replace(verdict, status=Status.AMBIGUOUS, confidence=min(verdict.confidence, 0.5), alternatives=alternatives)
-
-
-def _on_noise(ratio: float) -> tuple[str, ...]:
-    """What is said if the measured noise is another than the given one."""
-    if ratio > _VERY_DIFFERENT:
-        return (Remark.NOISE_LARGER.detailed(f"by a factor of {ratio:.2g}"),)
-    if ratio < 1.0 / _VERY_DIFFERENT:
-        return (Remark.NOISE_SMALLER.detailed(f"by a factor of {1.0 / max(ratio, 1e-9):.2g}"),)
-    return ()

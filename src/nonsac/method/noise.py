@@ -10,15 +10,17 @@ from nonsac.layouts import Array, Rows
 from nonsac.method.verdict import Residuals, background, chance_rate
 from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of, solved
 from nonsac.problems.noise import Noise
-from nonsac.result import Hypothesis
+from nonsac.result import Hypothesis, Remark
 
-__all__ = ["guessed_noise", "measured_noise"]
+__all__ = ["attempt", "guessed_noise", "measured_noise", "noise_remarks", "noise_seen_by"]
 
 _RUNGS = 4.0 ** -np.arange(1.0, 7.0)  # thresholds, as shares of the residuals of wrong rows
 _MODELS = 50
 _FALLBACK_SHARE = 0.01
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _WINDOWS = 12
+_VERY_DIFFERENT = 3.0
+_ROWS_SEEN, _LOG_CHANCE = 2000, float(np.log(1e-6))
 
 
 def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> float:
@@ -47,6 +49,22 @@ def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> fl
     return noise
 
 
+def noise_remarks(measured: float, given: float) -> tuple[str, ...]:
+    """What is said if the inliers show another noise than the given one."""
+    ratio = measured / given
+    if ratio > _VERY_DIFFERENT:
+        return (Remark.NOISE_LARGER.detailed(f"by a factor of {_rounded(ratio)}"),)
+    if ratio < 1.0 / _VERY_DIFFERENT:
+        return (Remark.NOISE_SMALLER.detailed(f"by a factor of {_rounded(1.0 / max(ratio, 1e-9))}"),)
+    return ()
+
+
+def _rounded(factor: float) -> str:
+    """Two digits, without an exponent."""
+    two_digits = float(f"{factor:.2g}")
+    return f"{two_digits:,.0f}" if two_digits >= 10.0 else f"{two_digits:g}"
+
+
 def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.random.Generator) -> float:
     """A noise level at which an estimate from these rows is least likely to come about by chance.
 
@@ -63,7 +81,7 @@ def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.ra
         return 1.0
     best, least = _FALLBACK_SHARE * unit, 0.0
     for threshold in unit * _RUNGS:
-        hypothesis = _attempt(problem, estimator, rows, Noise.within(threshold, known=False), rng)
+        hypothesis = attempt(problem, estimator, rows, Noise.within(threshold, known=False), rng)
         if hypothesis is None or not hypothesis.found:
             continue
         residuals = Residuals.of(problem, hypothesis.model, rows)
@@ -76,7 +94,29 @@ def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.ra
     return max(best, _LEAST_SHARE * unit)
 
 
-def _attempt(
+def noise_seen_by(problem: Problem, models: Array, rows: Rows, above: float) -> float | None:
+    """A noise level above some threshold at which one of some models (M, ...) has more inliers than by chance.
+
+    Cheap, as nothing is estimated, and enough if the models are nearly right, as those of minimal samples are.
+    """
+    table = rows.some(_ROWS_SEEN).values
+    by_chance, residuals = (
+        np.sort(residuals_of(problem, models, values), axis=1)
+        for values in (background(problem, table, _ROWS_SEEN), table)
+    )
+    best, least = None, _LOG_CHANCE - np.log(len(models) * len(_RUNGS))
+    for threshold in float(np.nanmedian(by_chance)) * _RUNGS:
+        if not threshold > above:
+            continue
+        for near, near_by_chance in zip(residuals, by_chance, strict=True):
+            inliers = int(np.searchsorted(near, threshold))
+            meaning = _log_chance(inliers - problem.minimal_size, len(table), chance_rate(near_by_chance, threshold))
+            if meaning < least:
+                best, least = Noise.within(threshold).sigma, meaning
+    return best
+
+
+def attempt(
     problem: Problem, estimator: Estimator, rows: Rows, noise: Noise, rng: np.random.Generator
 ) -> Hypothesis | None:
     """What the estimator finds at this noise; None if it fails."""

@@ -15,6 +15,7 @@ from nonsac.method.noise import guessed_noise
 from nonsac.method.refine import Refinement, refined
 from nonsac.method.search import SampleTask, Search, Stop
 from nonsac.method.settings import Settings
+from nonsac.method.wrong_noise import remarks_on_noise
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
 from nonsac.result import VERSION, Evidence, Hypothesis, Remark, Result, Status, failed
@@ -51,7 +52,8 @@ def run(source: Source, problem: Problem, estimator: Estimator, settings: Settin
     if len(source) < problem.minimal_size:
         return Answer(search, None, (), Stopwatch()).result(settings, Status.TOO_FEW)
     answer = method.run(noise) if noise.known else _run_with_measured_noise(method, estimator)
-    return answer.finished(settings).result(settings)
+    answer = answer.finished(settings)
+    return answer.result(settings, remarks=remarks_on_noise(answer.search, answer.refinement) if noise.known else ())
 
 
 @dataclass(frozen=True)
@@ -96,11 +98,11 @@ class Answer:
             self.clock.lap("all rows")
         return replace(self, refinement=refinement)
 
-    def result(self, settings: Settings, reason: Status | None = None) -> Result:
+    def result(self, settings: Settings, reason: Status | None = None, remarks: tuple[str, ...] = ()) -> Result:
         """The answer as users get it; without a model, with the reason why there is none."""
         search, refinement, noise = self.search, self.refinement, self.search.noise
         evidence = Evidence(search.problem, search.task.source)
-        info = self._described(settings)
+        info = self._described(settings, remarks)
         if refinement is None:
             reason = reason or (Status.TIME_LIMIT if search.late else _reason(search))
             return failed(reason, evidence, info, noise.sigma, noise.threshold, self.hypotheses)
@@ -120,7 +122,7 @@ class Answer:
             evidence=evidence,
         )
 
-    def _described(self, settings: Settings) -> dict[str, Any]:
+    def _described(self, settings: Settings, remarks: tuple[str, ...]) -> dict[str, Any]:
         """What another run needs to give the same answer, and what this one took."""
         refinement, task = self.refinement, self.search.task
         info = {
@@ -131,7 +133,7 @@ class Answer:
             "samples": len(self.hypotheses),
             "sample_size": min(task.sample_size, len(task.source)),
             "dropped_rows": sum(h.dropped for h in self.hypotheses),
-            "remarks": (*(() if refinement is None else refinement.remarks), *_on_failures(self.hypotheses)),
+            "remarks": (*(() if refinement is None else refinement.remarks), *remarks, *_on_failures(self.hypotheses)),
             "seconds": self.clock.laps,
             "peak_memory": peak_memory(),
         }
@@ -173,10 +175,10 @@ def _is_settled(refinement: Refinement | None, hypotheses: list[Hypothesis]) -> 
 
 def _reason(search: Search) -> Status:
     """Why no sample gave a model."""
-    problem, rows = search.problem, search.union().values
+    problem, rows = search.problem, search.union()
     if len(rows) < problem.minimal_size:
-        return Status.TOO_FEW
-    determined = problem.determined(problem.no_model, rows, search.noise)
+        return Status.DEGENERATE if rows.copies else Status.TOO_FEW
+    determined = problem.determined(problem.no_model, rows.values, search.noise)
     return Status.LOW_SUPPORT if determined else Status.DEGENERATE
 
 

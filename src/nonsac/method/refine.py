@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from nonsac.layouts import Array
+from nonsac.layouts import Array, Rows
 from nonsac.method.judgement import Judgement
 from nonsac.method.search import Search
 from nonsac.problems.contract import ContractBroken, Problem
-from nonsac.result import Alternative, Hypothesis, Status
+from nonsac.result import Alternative, Hypothesis, Remark, Status
+
+_MANY_COPIES = 0.1
 
 
 @dataclass(frozen=True)
@@ -86,8 +88,14 @@ class Refinement:
             verdict.alternatives,
             judgement.covariance,
             measured_noise=judgement.noise,
-            remarks=judgement.remarks,
+            remarks=(*judgement.remarks, *_on_copies(rows)),
         )
+
+
+def _on_copies(rows: Rows) -> tuple[str, ...]:
+    """What is said if many rows are equal to others."""
+    given = len(rows) + rows.copies
+    return (Remark.COPIES.detailed(f"{rows.copies:,} of {given:,}"),) if rows.copies > _MANY_COPIES * given else ()
 
 
 def refined(refiner: Refiner, search: Search, winner: int) -> Refinement:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc, chdtr, ndtr
 
-from nonsac.layouts import Array, Rows
+from nonsac.layouts import Array, Rows, distinct
 from nonsac.problems.contract import Problem, residuals_of
 from nonsac.problems.noise import Noise
 from nonsac.result import Alternative, Remark, Status
@@ -91,9 +91,9 @@ class Candidate:
     def without_copies(self) -> Candidate:
         """The same model on different rows only, if some inliers are copies of others."""
         inliers = self.rows.values[self.inliers]
-        if len(_distinct(inliers)) == len(inliers):
+        if len(distinct(inliers)) == len(inliers):
             return self
-        return Candidate(self.problem, self.model, self.rows[_distinct(self.rows.values)], self.noise)
+        return Candidate(self.problem, self.model, self.rows[distinct(self.rows.values)], self.noise)
 
 
 class Effort(NamedTuple):
@@ -160,7 +160,7 @@ def _beside_special_cases(candidate: Candidate, verdict: Verdict, rate: float) -
     """The verdict in view of what special cases of the problem explain."""
     problem, model, noise, rows = candidate.problem, candidate.model, candidate.noise, candidate.rows.values
     inliers = rows[candidate.inliers]
-    remarks: list[str] = []
+    remarks: list[str] = list(problem.remarks(model, inliers))
     alternatives: list[Alternative] = []
     for case in problem.special_cases(model, inliers, noise):
         unexplained = inliers[~case.explains]
@@ -230,16 +230,7 @@ def _distinct_count(problem: Problem, rows: Array) -> int:
     """Rows that do not share a point with another one, in either half."""
     split = problem.layout.split
     halves = (rows,) if split is None else (rows[:, :split], rows[:, split:])
-    return min(len(_distinct(half)) for half in halves)
-
-
-def _distinct(rows: Array) -> NDArray[np.int64]:
-    """Numbers of the different rows, in their order; `numpy.unique` on an axis takes ten times as long, and sorts."""
-    if not len(rows):
-        return np.empty(0, np.int64)
-    order = np.lexsort(rows.T)
-    ordered = rows[order]
-    return np.sort(order[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))])
+    return min(len(distinct(half)) for half in halves)
 
 
 def background(problem: Problem, rows: Array, size: int) -> Array:

@@ -141,6 +141,10 @@ class Problem(ABC):
         """Special cases of the data that may explain the inliers, too: a planar scene, say. By default none."""
         return ()
 
+    def remarks(self, model: Array, inliers: Array) -> Sequence[str]:
+        """What else is to be said of a trusted model's inliers; see `Result.remarks`. By default nothing."""
+        return ()
+
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array | None:
         """Covariance (p, p) of the parameters of a fitted model; None if the problem knows none."""
         return None
@@ -270,5 +274,5 @@ def _is_count(value: object) -> bool:
 
 
 def rows_of(problem: Problem, table: Array) -> Rows:
-    """The usable rows of a table of a source, with their weights if it has a column more than the problem."""
-    return Rows.of(table, problem.width).usable()
+    """The usable rows of a table of a source, with weights if it has a column more than the problem; no padding."""
+    return Rows.of(table, problem.width).usable().without_padding()

@@ -26,9 +26,18 @@ from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
 from nonsac.problems.pose import homogeneous, positive, rotation_distance, rotation_is_certain, spread_out
 from nonsac.problems.special_case import SpecialCase
-from nonsac.problems.two_view import plane_of, pose_of_same_plane, rotation_of, transfer_errors
+from nonsac.problems.two_view import (
+    are_mirrored,
+    miscalibrated_rotation,
+    plane_of,
+    pose_of_same_plane,
+    rotation_of,
+    transfer_errors,
+)
+from nonsac.result import Remark
 
-_PLANE_ROWS = 300
+_PLANE_ROWS, _CALIBRATION_ROWS = 300, 100
+_VISIBLE_BEND = 0.02
 
 
 @dataclass(frozen=True)
@@ -122,10 +131,24 @@ class RelativePose(Streaming, Problem):
             even = np.ones(len(inliers))
             others = np.array([self.fit_robustly(other, inliers, even, 2.0 * threshold, 20) for other in found])
             others = others[np.isfinite(others).all(axis=(1, 2))] if len(others) else found
-        return (
-            SpecialCase("pure rotation", by_rotation, determined=False),
-            SpecialCase("planar", by_plane, determined=True, others=others),
-        )
+        cases = [SpecialCase("pure rotation", by_rotation, determined=False)]
+        if by_rotation.mean() < 0.95:
+            cases.append(self._seen_with_wrong_calibration(turned, inliers, noise))
+        return (*cases, SpecialCase("planar", by_plane, determined=True, others=others))
+
+    def remarks(self, model: Array, inliers: Array) -> tuple[str, ...]:
+        return (Remark.MIRRORED.value,) if are_mirrored(*np.hsplit(inliers, 2)) else ()
+
+    def _seen_with_wrong_calibration(self, turned: Array, inliers: Array, noise: Noise) -> SpecialCase:
+        """What a pure rotation explains if focal length and radial distortion are others than given."""
+        some = inliers[:: max(1, len(inliers) // _CALIBRATION_ROWS)]
+        turned, mistake = miscalibrated_rotation(turned, some, noise.sigma / self.focal2)
+        camera = RelativePose(self.focal1 / mistake.scale, self.focal2 / mistake.scale)
+        explains = camera._transfer_error(turned, np.zeros(3), mistake.corrected(inliers)) < noise.threshold
+        detail = f"with a focal length {1.0 / mistake.scale:.2f} times the given one"
+        if abs(mistake.bend) > _VISIBLE_BEND:
+            detail += f" and a radial distortion of {mistake.bend:.2f}"
+        return SpecialCase(f"pure rotation: {detail}", explains, determined=False)
 
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (5, 5) of the rotation vector w (R exp: exp([w]x) R, radians) and of t in its tangent plane."""

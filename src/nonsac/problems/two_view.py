@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nonsac.layouts import Array
 
 _TRIPLETS = 40
+_CLEARLY = 0.5
+_STEPS, _SMALL, _INVERSIONS = 8, 1e-6, 4
+_LARGEST_MISTAKE = np.array([0.4, 0.5])  # a focal length wrong by half; beyond, a long lens sees shifts as turns
 
 
 def seen_through_plane(model: Array, plane: Array, points: Array) -> Array:
@@ -36,6 +41,66 @@ def rotation_of(model: Array, rows: Array, error: Callable[[Array], Array]) -> A
         left, _, right = np.linalg.svd(second[near].T @ first[near])
         turned[:, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     return turned
+
+
+class Miscalibration(NamedTuple):
+    """What may be wrong with the calibration that both images share.
+
+    Attributes
+    ----------
+    scale : float
+        True normalised coordinates over the given ones, at the centre: the given focal length over the true one.
+    bend : float
+        The first coefficient of a radial distortion that was ignored.
+    """
+
+    scale: float
+    bend: float
+
+    def corrected(self, rows: Array) -> Array:
+        """Rows (n, 4) as they would be with the right calibration."""
+        return np.hstack([self._corrected(rows[:, :2]), self._corrected(rows[:, 2:])])
+
+    def _corrected(self, points: Array) -> Array:
+        given = corrected = self.scale * points
+        for _ in range(_INVERSIONS):
+            corrected = given / np.maximum(1.0 + self.bend * (corrected**2).sum(axis=1)[:, None], 0.3)
+        return corrected
+
+
+def miscalibrated_rotation(turned: Array, rows: Array, least: float) -> tuple[Array, Miscalibration]:
+    """The rotation, focal length and radial distortion that together leave the least of matches without a baseline.
+
+    Gauss and Newton's method from a rotation [R | t] that fits about, with Cauchy's weights; `least` is the noise, in
+    normalised coordinates. Misfit that grows towards the edge looks like parallax: a rotation seen with a wrong
+    calibration may have a translation that explains all matches. Real parallax leaves as much as before, and ends it.
+    """
+    found, first = np.zeros(5), np.inf
+
+    def moved(step: Array) -> tuple[Array, Miscalibration]:
+        turn = Rotation.from_rotvec(step[:3]).as_matrix() @ turned[:, :3]
+        return np.column_stack([turn, turned[:, 3]]), Miscalibration(float(np.exp(step[3])), float(step[4]))
+
+    def left(step: Array) -> Array:
+        model, miscalibration = moved(step)
+        corrected = miscalibration.corrected(rows)
+        distance = seen_through_plane(model, np.zeros(3), corrected[:, :2]) - corrected[:, 2:]
+        return np.nan_to_num(distance / miscalibration.scale, nan=1.0)
+
+    for number in range(_STEPS):
+        residuals = left(found)
+        lengths = np.linalg.norm(residuals, axis=1)
+        middle = float(np.median(lengths))
+        first = middle if number == 0 else first
+        if number == 2 and middle > max(0.5 * first, 2.0 * least):
+            break
+        weights = 1.0 / (1.0 + (lengths / max(least, middle)) ** 2)
+        slopes = np.stack([(left(found + unit) - residuals) / _SMALL for unit in _SMALL * np.eye(5)], axis=-1)
+        normal = np.einsum("n,nia,nib->ab", weights, slopes, slopes)
+        gradient = np.einsum("n,nia,ni->a", weights, slopes, residuals)
+        found = found - np.linalg.lstsq(normal, gradient, rcond=1e-12)[0]
+        found[3:] = np.clip(found[3:], -_LARGEST_MISTAKE, _LARGEST_MISTAKE)
+    return moved(found)
 
 
 def _unit_rays(points: Array) -> Array:
@@ -121,3 +186,15 @@ def pose_of_same_plane(model: Array, plane: Array, rows: Array) -> Array:
             found.append(np.column_stack([rotation, sign * shift / size]))
     others = [pose for pose in found if np.abs(pose - model).max() > 0.05]
     return np.stack(others) if others else np.empty((0, 3, 4))
+
+
+def are_mirrored(first: Array, second: Array) -> bool:
+    """Whether points (n, 2) of one image lie in the other as in a mirror: the affine map between them turns over.
+
+    Two cameras on the same side of a surface see it with the same orientation. The map must explain half of the
+    spread in its weaker direction, too.
+    """
+    halves = [half - half.mean(axis=0) for half in (first, second)]
+    even = [np.linalg.svd(half, full_matrices=False)[0] for half in halves]  # spread alike in all directions
+    correlations = np.linalg.svd(even[0].T @ even[1], compute_uv=False)
+    return bool(np.linalg.det(halves[0].T @ halves[1]) < 0.0 and correlations[1] > _CLEARLY)
