@@ -23,6 +23,29 @@ def parquet(**columns):
     return buffer.getvalue()
 
 
+# With the distortion of real lenses, none of which folds over in the square |x|, |y| < 0.7.
+LENSES = {
+    "SIMPLE_PINHOLE": "SIMPLE_PINHOLE 640 480 530 342 234",
+    "PINHOLE": "PINHOLE 640 480 533 534 342 234",
+    "SIMPLE_RADIAL": "SIMPLE_RADIAL 640 480 530 342 234 -0.13",
+    "RADIAL": "RADIAL 640 480 530 342 234 -0.28 0.09",
+    "OPENCV": "OPENCV 640 480 533 534 342 234 -0.28 0.07 0.0012 -0.0023",
+    "OPENCV_FISHEYE": "OPENCV_FISHEYE 640 480 300 302 342 234 0.02 -0.015 0.004 -0.001",
+    "FULL_OPENCV": "FULL_OPENCV 640 480 533 534 342 234 0.4 0.03 0.0012 -0.0023 0.002 0.7 0.06 -0.004",
+    "FOV": "FOV 640 480 300 302 342 234 0.9",
+    "SIMPLE_RADIAL_FISHEYE": "SIMPLE_RADIAL_FISHEYE 640 480 300 342 234 -0.02",
+    "RADIAL_FISHEYE": "RADIAL_FISHEYE 640 480 300 342 234 0.03 -0.02",
+    "THIN_PRISM_FISHEYE": "THIN_PRISM_FISHEYE 640 480 300 302 342 234 "
+    "0.02 -0.015 0.001 -0.002 0.004 -0.001 0.002 -0.003",
+    "RAD_TAN_THIN_PRISM_FISHEYE": "RAD_TAN_THIN_PRISM_FISHEYE 640 480 300 302 342 234 "
+    "-0.02 0.09 -0.06 0.009 0.002 -0.0004 0.0011 -0.0007 -0.0005 0.0002 0.0009 -0.0001",
+    "SIMPLE_DIVISION": "SIMPLE_DIVISION 640 480 530 342 234 -0.13",
+    "DIVISION": "DIVISION 640 480 533 534 342 234 0.11",
+    "SIMPLE_FISHEYE": "SIMPLE_FISHEYE 640 480 300 342 234",
+    "FISHEYE": "FISHEYE 640 480 300 302 342 234",
+    "EUCM": "EUCM 640 480 300 302 342 234 0.6 1.1",
+}
+
 # As in the documentation of COLMAP 3.
 SCHEMA = """
 CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT NULL,
@@ -36,15 +59,15 @@ CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NUL
 CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
     cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB, tvec BLOB);
 """
-PINHOLE, RADIAL, FISHEYE, FOV = 1, 3, 5, 7
+PINHOLE, RADIAL, FISHEYE, PANORAMA = 1, 3, 5, 17
 DB_CAMERAS = {
     4: (PINHOLE, 640, 480, [500, 510, 320, 240]),
     6: (RADIAL, 800, 600, [700, 400, 300, 0.1, -0.02]),
     8: (FISHEYE, 640, 480, [500, 510, 320, 240, 0.1, 0.2, 0.3, 0.4]),
-    9: (FOV, 640, 480, [500, 510, 320, 240, 0.5]),
+    9: (PANORAMA, 640, 320, [640, 320]),
 }
 # Number of an image: its name and camera.
-DB_IMAGES = {7: ("b.jpg", 6), 3: ("sub/a b.jpg", 4), 11: ("fish.jpg", 8), 12: ("fov.jpg", 9), 13: ("none.jpg", 4)}
+DB_IMAGES = {7: ("b.jpg", 6), 3: ("sub/a b.jpg", 4), 11: ("fish.jpg", 8), 12: ("around.jpg", 9), 13: ("none.jpg", 4)}
 DB_KEYPOINTS = {
     3: np.array([[1.5, 2.5], [10.25, 20.5], [30, 40], [50, 60]]),
     7: np.array([[5, 6, 1, 0, 0, 1], [7, 8, 1, 0, 0, 1], [9, 10.5, 2, 0, 0, 2]]),
@@ -70,10 +93,10 @@ def fill_database(path, schema=SCHEMA):
             database.execute("INSERT INTO matches VALUES (?, ?, ?, ?)", row)
 
 
-# By COLMAP's numbers: SIMPLE_RADIAL, FULL_OPENCV (which nonsac does not know), PINHOLE.
+# By COLMAP's numbers: SIMPLE_RADIAL, EQUIRECTANGULAR (which nonsac does not know), PINHOLE.
 MODEL_CAMERAS = {
     2: (2, "SIMPLE_RADIAL", 640, 480, [500, 320, 240, 0.1]),
-    5: (6, "FULL_OPENCV", 640, 480, [500, 510, 320, 240, *range(8)]),
+    5: (17, "EQUIRECTANGULAR", 640, 320, [640, 320]),
     1: (1, "PINHOLE", 800, 600, [700, 710, 400.5, 300.25]),
 }
 SEEN = [(10.5, 20.5, 30), (1, 1, -1), (11, 21, 20), (12, 22, 2**40), (13, 23, 30)]

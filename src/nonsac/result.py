@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.layouts import Array, Rows
+from nonsac.quiet import quiet
 
 VERSION = version("nonsac")
 
@@ -175,10 +176,14 @@ class Evidence:
     def residuals(self, model: Array) -> Iterator[Array]:
         """Of every row of the source, in its order, some at a time: (k,) each; NaN for rows that are not finite."""
         for rows in self.source.chunks(_CHUNK):
-            finite = np.isfinite(rows).all(axis=1)
-            residuals = np.full(len(rows), np.nan)
-            residuals[finite] = self.problem.residuals(model[None], rows[finite, : self.problem.width])[0]
-            yield residuals
+            yield self._residuals_of(rows, model)
+
+    @quiet
+    def _residuals_of(self, rows: Array, model: Array) -> Array:
+        finite = np.isfinite(rows).all(axis=1)
+        residuals = np.full(len(rows), np.nan)
+        residuals[finite] = self.problem.residuals(model[None], rows[finite, : self.problem.width])[0]
+        return residuals
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +115,17 @@ def test_cameras_of_options_override_those_of_the_file(folder, views, run):
     assert_same(report, views.solved(FIRST, SECOND.K))
     report = as_json(run, "pairs.npz", *CAMERAS)
     assert_same(report, views.solved())
+
+
+def test_a_camera_of_an_option_replaces_one_that_cannot_be_read(folder, views, run, refused):
+    write_database(views)
+    with closing(sqlite3.connect("database.db")) as database, database:
+        database.execute("UPDATE cameras SET model = 17, params = ?", (np.zeros(2).tobytes(),))
+    message = refused("relative-pose", "database.db", *NAMES)
+    assert "database.db: the camera has the model EQUIRECTANGULAR, but nonsac knows only" in message
+    assert message.count("database.db") == 1
+    report = as_json(run, "database.db", *NAMES, *CAMERAS)
+    assert_same(report, views.in_single_precision().solved())
 
 
 def test_the_second_camera_is_the_first_by_default(folder, run):
@@ -345,7 +358,7 @@ def test_matches_that_are_not_finite(folder, views, run):
         (["--camera1", "1000,1000"], "'--camera1': params holds 2 numbers in shape (2,); expected 4 for PINHOLE"),
         (["--camera1", ""], "'--camera1': '' is neither a file nor a camera such as 'PINHOLE 1600"),
         (["--camera1", "K.txt"], "'--camera1': 'K.txt' is neither a file nor a camera"),
-        (["--camera1", "FOV 1 2 3 4 5"], "'--camera1': model is 'FOV'; expected one of SIMPLE_PINHOLE"),
+        (["--camera1", "EQUIRECTANGULAR 2 1"], "model is 'EQUIRECTANGULAR'; expected one of SIMPLE_PINHOLE"),
         (["--camera1", "PINHOLE 1 2 x 4"], "'--camera1': 'PINHOLE 1 2 x 4' holds a word that is not a number"),
         (["--camera1", "0,500,1,1"], "'--camera1': fx is 0.0; expected a focal length above 0"),
         (["--camera1", "nan,500,1,1"], "'--camera1': fx is nan; expected a finite number"),

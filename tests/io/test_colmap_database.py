@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from match_samples import SCHEMA, fill_database
-from nonsac.io import colmap_database, read_colmap_pair, read_matches, write_two_view_geometry
+from match_samples import LENSES, SCHEMA, fill_database
+from nonsac.calls.jobs import Job
+from nonsac.cameras import models
+from nonsac.cameras.camera import Camera
+from nonsac.cameras.unreadable import chosen_cameras
+from nonsac.io import (
+    InputError,
+    colmap_database,
+    open_matches,
+    read_colmap_pair,
+    read_matches,
+    write_two_view_geometry,
+)
+from nonsac.layouts import MATCHES
 
 
 @pytest.fixture
@@ -84,7 +96,7 @@ def test_reading_while_another_program_writes(path):
 
 def test_unknown_images(path, refused):
     message = refused(read_colmap_pair, path, "a.jpg", "b.jpg")
-    expected = "holds no image 'a.jpg' (it holds sub/a b.jpg, b.jpg, fish.jpg, fov.jpg and 1 more); check the name"
+    expected = "holds no image 'a.jpg' (it holds sub/a b.jpg, b.jpg, fish.jpg, around.jpg and 1 more); check the name"
     assert expected in message
     assert "holds no image 4 (it holds 3, 7, 11, 12 and 1 more)" in refused(read_colmap_pair, path, 3, 4)
     refused(read_colmap_pair, path, 3, 2**70)
@@ -98,10 +110,61 @@ def test_unknown_images(path, refused):
 
 def test_unknown_camera_model(path, refused):
     message = refused(read_colmap_pair, path, 3, 12)
-    assert "the camera has the model FOV, but nonsac knows only SIMPLE_PINHOLE, PINHOLE, " in message
-    assert "OPENCV_FISHEYE; undistort the images" in message
+    assert "the camera has the model EQUIRECTANGULAR, but nonsac knows only SIMPLE_PINHOLE, PINHOLE, " in message
+    assert "FISHEYE, EUCM; give a camera of your own, or undistort the images" in message
     run(path, "UPDATE cameras SET model = 99 WHERE camera_id = 9")
     assert "the camera model 99 is not known" in refused(read_colmap_pair, path, 3, 12)
+
+
+@pytest.mark.parametrize("line", LENSES.values(), ids=LENSES)
+def test_cameras_of_all_models(path, line):
+    camera = Camera.parse(line)
+    (number,) = (number for number, (name, _) in models._MODELS.items() if name == camera.model)
+    values = (number, np.array(camera.params, "<f8").tobytes())
+    run(path, "UPDATE cameras SET model = ?, params = ?, width = 640, height = 480 WHERE camera_id = 4", *values)
+    assert Camera.parse(read_colmap_pair(path, 3, 7).camera1) == camera
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("SELECT 1", "the camera has the model EQUIRECTANGULAR, but nonsac knows only"),
+        ("UPDATE cameras SET model = 99 WHERE camera_id = 9", "the camera model 99 is not known"),
+        ("UPDATE cameras SET params = x'00' WHERE camera_id = 9", "is not valid"),
+        ("DELETE FROM cameras WHERE camera_id = 9", "it lacks the camera of image 12"),
+    ],
+)
+def test_a_camera_that_cannot_be_read_can_be_replaced(path, statement, message):
+    run(path, statement)
+    opened = open_matches(MATCHES, [path], [3, 12])
+    np.testing.assert_array_equal(opened.source.take(np.arange(1)), [[1.5, 2.5, 1, 2]])
+    with pytest.raises(InputError, match=message):
+        Camera.parse(opened.cameras[1])
+    with pytest.raises(InputError, match=message):
+        read_matches(path, 3, 12)
+    mine = "PINHOLE 1 1 0 0"
+    assert chosen_cameras([None, mine], opened.cameras) == [opened.cameras[0], mine]
+    # Another camera than that of the first image, so that its replacement tells nothing.
+    assert chosen_cameras([mine, None], opened.cameras) == [mine, opened.cameras[1]]
+    run(path, "UPDATE images SET camera_id = 9 WHERE image_id = 3")
+    opened = open_matches(MATCHES, [path], [3, 12])
+    assert chosen_cameras([mine, None], opened.cameras) == [mine, mine]
+    assert chosen_cameras([None, mine], opened.cameras) == [opened.cameras[0], mine]
+    with pytest.raises(InputError, match=message.removesuffix("of image 12")):
+        Job("relative_pose", path, image1=3, image2=12).run()
+    assert Job("relative_pose", path, image1=3, image2=12, camera1=mine).run().status == "too_few"
+
+
+@pytest.mark.parametrize("focal", [0.0, -500.0, np.inf, np.nan, 5e-324])
+@pytest.mark.parametrize("place", [0, 1])
+def test_no_geometry_with_a_camera_without_focal_length(path, refused, focal, place):
+    params = np.array([500.0, 510, 320, 240])
+    params[place] = focal
+    run(path, "UPDATE cameras SET params = ? WHERE camera_id = 4", params.tobytes())
+    before = path.read_bytes()
+    message = refused(write_two_view_geometry, path, 3, 7, (np.eye(3), [1, 0, 0]), [[0, 0]])
+    assert "the camera of image 3 has the focal lengths " in message
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -204,7 +267,7 @@ def test_what_is_there_is_replaced(path):
     np.testing.assert_array_equal(np.frombuffer(rows[0][2], "<f8"), [0, 0, 2])
 
 
-@pytest.mark.parametrize("image", ["fish.jpg", "fov.jpg"])
+@pytest.mark.parametrize("image", ["fish.jpg", "around.jpg"])
 def test_a_fisheye_has_no_fundamental_matrix(path, image):
     write_two_view_geometry(path, 3, image, POSE, [[0, 0]])
     row = read_row(path)

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from match_samples import write_binary_model, write_text_model
-from nonsac.io import InputError, read_colmap_points, read_colmap_pose, read_points
+import match_samples
+from match_samples import LENSES, write_binary_model, write_text_model
+from nonsac.cameras import models
+from nonsac.cameras.camera import Camera
+from nonsac.io import InputError, open_matches, read_colmap_points, read_colmap_pose, read_points
+from nonsac.layouts import POINTS
 
 
 @pytest.fixture(params=[write_binary_model, write_text_model])
@@ -84,12 +88,32 @@ def test_unknown_names(model):
 
 
 def test_what_does_not_fit(model):
-    with pytest.raises(InputError, match=r"cameras\.\w+: the camera has the model FULL_OPENCV, but nonsac knows only"):
+    with pytest.raises(InputError, match=r"cameras\.\w+: the camera has the model EQUIRECTANGULAR, but nonsac knows"):
         read_colmap_points(model, "wide.jpg")
     with pytest.raises(InputError, match=r"points3D\.\w+: holds no point 99, which image 'bad.jpg' shows; copy or"):
         read_colmap_points(model, "bad.jpg")
     with pytest.raises(InputError, match=r"images\.\w+: the pose of image 'bad.jpg' is not valid"):
         read_colmap_pose(model, "bad.jpg")
+
+
+@pytest.mark.parametrize("line", LENSES.values(), ids=LENSES)
+@pytest.mark.parametrize("write", [write_binary_model, write_text_model])
+def test_cameras_of_all_models(tmp_path, monkeypatch, write, line):
+    camera = Camera.parse(line)
+    (number,) = (number for number, (name, _) in models._MODELS.items() if name == camera.model)
+    monkeypatch.setitem(match_samples.MODEL_CAMERAS, 1, (number, camera.model, 640, 480, camera.params))
+    assert Camera.parse(read_colmap_points(write(tmp_path), 4).camera) == camera
+
+
+def test_a_camera_that_cannot_be_read_can_be_replaced(model):
+    opened = open_matches(POINTS, [model], ["wide.jpg"])
+    np.testing.assert_array_equal(opened.source.take(np.arange(1)), [[1, 2, 1, 2, 3]])
+    with pytest.raises(InputError, match=r"cameras\.\w+: the camera has the model EQUIRECTANGULAR"):
+        Camera.parse(opened.cameras[0])
+    with pytest.raises(InputError, match=r"cameras\.\w+: the camera has the model EQUIRECTANGULAR"):
+        read_points(model, "wide.jpg")
+    (model / f"cameras{next(model.iterdir()).suffix}").unlink()
+    assert len(open_matches(POINTS, [model], ["b.jpg"]).source) == 4
 
 
 def test_places_that_hold_no_model(tmp_path, refused, make_file):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.arraylike import as_array, cloud_array, column_names
 from nonsac.layouts import Array
+from nonsac.quiet import quiet
 from nonsac.result import Result
 from nonsac.sources.contract import Source
 
@@ -33,13 +36,49 @@ def check_source(name: str, value: object) -> None:
         )
 
 
-def points_argument(points: ArrayLike | None, name: str, width: int) -> NDArray[Any]:
-    """Points as an (n, width) array of their own dtype, not copied, or an error that says what is wrong with them."""
-    if np.ma.isMaskedArray(points):
-        points = np.ma.filled(np.ma.asarray(points).astype(np.float64), np.nan)
-    array = np.asarray(points)
+def points_argument(points: Any, name: str, width: int, organised: bool = False) -> NDArray[Any]:
+    """Points as an (n, width) array of their own dtype, not copied, or an error that says what is wrong with them.
+
+    If they may be `organised`, as range cameras have them, (h, w, width) is taken as well.
+    """
+    expected = f"an array of real numbers (n, {width})"
+    chosen = _coordinates(column_names(points), width)
+    if chosen and not isinstance(points, np.ndarray):
+        points = points[chosen]
+    array = (cloud_array if width == 3 else as_array)(points, name, expected)
+    if array.dtype.names is not None:
+        array = _fields(array, name, width)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must be an array of real numbers (n, {width}), got dtype {array.dtype}")
+        what = f"dtype {array.dtype}" if array.ndim or array.dtype.kind != "O" else type(points).__name__
+        raise TypeError(f"{name} must be {expected}, got {what}")
+    is_grid = array.ndim == 3 and array.shape[2] == width
+    return _rows_of_points(array.reshape(-1, width) if organised and is_grid else array, name, width)
+
+
+def _coordinates(names: Sequence[str], width: int) -> list[str]:
+    """The names of the columns that are called x, y and z, or u and v, in this order; none if one is not there once."""
+    plain = [column.casefold().rstrip("12") for column in names]
+    for axes in ("xyz"[:width], "uv"):
+        if len(axes) == width and all(plain.count(axis) == 1 for axis in axes):
+            return [names[plain.index(axis)] for axis in axes]
+    return []
+
+
+def _fields(array: NDArray[Any], name: str, width: int) -> NDArray[Any]:
+    """The coordinates of a structured array."""
+    names = array.dtype.names or ()
+    chosen = _coordinates(names, width)
+    # The X, Y and Z of LAS files are whole numbers yet to be scaled.
+    if chosen and not all(column.isupper() and array.dtype[column].kind in "iu" for column in chosen):
+        return np.stack([array[column] for column in chosen], axis=-1)
+    raise TypeError(
+        f"{name} must be an array of real numbers (n, {width}), got the fields {', '.join(names)}: pass "
+        f"numpy.stack([{name}[field] for field in ({', '.join(map(repr, 'xyz'[:width]))})], axis=-1)"
+    )
+
+
+def _rows_of_points(array: NDArray[Any], name: str, width: int) -> NDArray[Any]:
+    """Rows of coordinates, also of homogeneous ones that end in 1."""
     if array.shape[1:] == (width,):
         return array
     expected = f"{name} must have one point in each row (n, {width})"
@@ -47,18 +86,30 @@ def points_argument(points: ArrayLike | None, name: str, width: int) -> NDArray[
         raise ValueError(f"{expected}, got {array.shape}: pass {name}.T")
     if array.shape[1:] == (1, width):
         raise ValueError(f"{expected}, got {array.shape}: pass {name}[:, 0]")
+    if array.ndim == 3 and array.shape[2] == width:
+        raise ValueError(f"{expected}, got shape {array.shape}: pass {name}.reshape(-1, {width})")
+    if array.ndim == 2 and array.shape[1] == width + 1:
+        last = array[:, width]
+        if (np.isnan(last) | (last == 1)).all():
+            return array[:, :width]
+        raise ValueError(
+            f"{expected}, got shape {array.shape}: pass {name}[:, :{width}] if the last column is something else, an "
+            f"intensity say, or {name}[:, :{width}] / {name}[:, {width}:] if it is that of homogeneous coordinates"
+        )
     raise ValueError(f"{expected}, got shape {array.shape}")
 
 
+@quiet
 def weights_argument(weights: ArrayLike | None, rows: int) -> Array | None:
     """Weights (n,) of matches, or None if there are none or all are equal."""
     if weights is None:
         return None
-    array = np.asarray(weights)
+    array = as_array(weights, "weights", "real numbers (n,)")
     if array.dtype.kind not in "fiub":
         raise TypeError(f"weights must be real numbers (n,), got dtype {array.dtype}")
     if array.shape != (rows,):
-        raise ValueError(f"weights must have one number for each match ({rows},), got shape {array.shape}")
+        fix = ": pass weights.ravel()" if array.size == rows else ""
+        raise ValueError(f"weights must have one number for each match ({rows},), got shape {array.shape}{fix}")
     array = array.astype(np.float64)
     finite = array[np.isfinite(array)]
     if (finite < 0).any():

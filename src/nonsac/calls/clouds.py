@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from nonsac.method.pipeline import run
 from nonsac.method.scoring import TruncatedLp
 from nonsac.method.settings import Progress, Settings
 from nonsac.problems.noise import Noise
+from nonsac.quiet import quiet
 from nonsac.result import VERSION, Evidence, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.executors import Workers
@@ -44,7 +46,9 @@ def register_clouds(
     Parameters
     ----------
     source, target : (n, 3) and (k, 3) array
-        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped.
+        Points in one unit; the clouds need to overlap in part only. Rows with NaN or infinity are dropped. Organised
+        clouds (h, w, 3), tensors, DataFrames with columns x, y and z, and clouds and meshes of Open3D, laspy, trimesh
+        and such are taken as well.
     samples, sample_size : int
         At most this many samples of this many hypothesised pairs; fewer if several samples agree early.
     workers : None, int or concurrent.futures.Executor
@@ -66,20 +70,26 @@ def register_clouds(
     ValueError, TypeError
         If an array is not (n, 3) numbers; the message names it.
     """
-    problem, clock = OrientedRegistration(), Stopwatch()
+    problem = OrientedRegistration()
     given = {"samples": samples, "sample_size": sample_size, "workers": workers, "rng": rng, "progress": progress}
-    settings = Settings.of("register_clouds", given).fitting(problem)
-    seed = canonical_seed(rng)
+    settings = replace(Settings.of("register_clouds", given).fitting(problem), rng=canonical_seed(rng))
     a, dropped_source = _finite_cloud(source, "source")
     b, dropped_target = _finite_cloud(target, "target")
     info = {
-        "seed": seed,
+        "seed": settings.rng,
         "version": VERSION,
         "dropped_source": dropped_source,
         "dropped_target": dropped_target,
     }
     if min(len(a), len(b)) < 3:
         return failed(Status.TOO_FEW, Evidence(problem), info)
+    return _registered(a, b, problem, settings, info)
+
+
+@quiet
+def _registered(a: Array, b: Array, problem: OrientedRegistration, settings: Settings, info: dict[str, Any]) -> Result:
+    """The registration of clouds of finite points."""
+    clock = Stopwatch()
     frame = CommonFrame.of(a, b)
     full_source, full_target = frame.normalised(a, frame.source_origin), frame.normalised(b, frame.target_origin)
     info |= {"stray_source": len(a) - len(full_source), "stray_target": len(b) - len(full_target)}
@@ -96,7 +106,6 @@ def register_clouds(
         noise=Noise.within(overlap.reach).sigma,
         rule=TruncatedLp(1.0),
         refine=SurfaceRefiner(overlap, full_source, full_target),
-        rng=seed,
     )
     result = run(pairs, problem, estimator, settings, Agreement(overlap.reach))
     seconds = clock.laps | result.info["seconds"]
@@ -108,7 +117,7 @@ def register_clouds(
 
 def _finite_cloud(points: ArrayLike, name: str) -> tuple[Array, int]:
     """The finite points as float64, and how many were dropped."""
-    array = points_argument(points, name, 3)
+    array = points_argument(points, name, 3, organised=True)
     finite = np.isfinite(array).all(axis=1)
     dropped = int(len(array) - finite.sum())
     warn_dropped(dropped, len(array), f"{name} points", stacklevel=4)

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from nonsac.calls.registry import CALLS, Call
+from nonsac.cameras.unreadable import chosen_cameras
 from nonsac.result import Result
 from nonsac.running.executors import Workers, parsed, width_of
 from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses
@@ -236,9 +237,8 @@ def _read(call: Call, paths: tuple[Any, ...], settings: dict[str, Any]) -> tuple
     if call.layout is None:
         return tuple(map(read_cloud, paths))
     opened = open_matches(call.layout, paths, [settings.pop(name, None) for name in call.images])
-    for name, camera in zip(call.cameras, opened.cameras, strict=False):
-        if settings.get(name) is None:
-            settings[name] = camera
+    cameras = chosen_cameras([settings.get(name) for name in call.cameras], opened.cameras)
+    settings.update(zip(call.cameras, cameras, strict=False))
     if settings.get("weights") is None:
         return (opened.source,)
     chunks = opened.source.chunks(2**20)  # weights given besides replace those of the file

@@ -18,6 +18,7 @@ from nonsac.layouts import MATCHES, POINTS, Array
 from nonsac.method.pipeline import run
 from nonsac.method.settings import KeywordsAndEstimator, Settings, shows_settings
 from nonsac.problems import AbsolutePose, RelativePose
+from nonsac.quiet import quiet
 from nonsac.result import Result, Status
 from nonsac.sources.contract import Source
 from nonsac.sources.mapped import Map
@@ -184,6 +185,7 @@ def look_like_pixels(points: NDArray[Any]) -> bool:
     return bool(len(some) and np.median(some) > _LARGEST_NORMALISED)
 
 
+@quiet
 def _some_sizes(points: NDArray[Any]) -> Array:
     sizes = np.abs(points[:: max(1, len(points) // 1000)].astype(np.float64))
     return sizes[np.isfinite(sizes)]

@@ -47,6 +47,8 @@ def rows_of_arrays(
     (name1, first), (name2, second) = arrays.items()
     a, b = points_argument(first, name1, widths[0]), points_argument(second, name2, widths[1])
     if len(a) != len(b):
+        if isinstance(first, (list, tuple)) and hasattr(first[0], "pt"):
+            hint = ": pass the keypoints that matches name, [keypoints1[m.queryIdx] for m in matches] say"
         raise ValueError(f"{call} needs {name1}[i] to match {name2}[i]; got {len(a)} and {len(b)} rows{hint}")
     uneven = weights_argument(weights, len(a))
     return Correspondences((a, b), uneven is not None, weights=uneven)

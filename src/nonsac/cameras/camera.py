@@ -16,9 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nonsac.arraylike import as_array
 from nonsac.cameras.lens import Complex, Lens
+from nonsac.cameras.lenses import lens_of
 from nonsac.cameras.models import checked_parameters, parameter_names
 from nonsac.cameras.parse import camera_fields
+from nonsac.cameras.unreadable import check_readable
 from nonsac.layouts import Array
 
 __all__ = ["Camera", "CameraLike"]
@@ -31,7 +34,7 @@ class Camera:
     Attributes
     ----------
     model : str
-        SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV or OPENCV_FISHEYE; lower case is accepted.
+        The name of any model of COLMAP but EQUIRECTANGULAR, of which the rays go backward, too; lower case is accepted.
     params : tuple of float
         In COLMAP's order; focal lengths and principal point in pixels.
     width, height : int or None
@@ -58,18 +61,21 @@ class Camera:
         Parameters
         ----------
         value : Camera, array_like, str, mapping or object
-            A camera; a matrix K of shape (3, 3); the four numbers (fx, fy, cx, cy); a line of COLMAP's cameras.txt,
+            A camera; a matrix K of shape (3, 3); the four numbers (fx, fy, cx, cy); `(K, distortion)` with the 4, 5 or
+            8 coefficients k1 k2 p1 p2 k3 k4 k5 k6 of OpenCV (not those of its fisheye); a line of COLMAP's cameras.txt,
             with or without the id and the size, separated by spaces or commas; a dict as PoseLib and pycolmap make
-            it, `{"model": "OPENCV", "params": [...], "width": 1600, "height": 1200}`; one of their camera objects.
+            it, `{"model": "OPENCV", "params": [...], "width": 1600, "height": 1200}`; one of their camera objects; a
+            message or dict camera_info of ROS, also its fisheye ("equidistant").
         name : str
 
         Raises
         ------
         ValueError, TypeError
-            If it does not describe a camera of a known model.
+            If it does not describe a camera of a known model, or stands for one that could not be read from its file.
         """
         if isinstance(value, Camera):
             return value
+        check_readable(value)
         try:
             return cls(*camera_fields(value))
         except (TypeError, ValueError) as error:
@@ -147,18 +153,14 @@ class Camera:
     @cached_property
     def _lens(self) -> Lens | None:
         """None if there is no distortion."""
-        named = dict(zip(parameter_names(self.model), self.params, strict=True))
-        radial = [value for name, value in named.items() if name.startswith("k")]
-        p = complex(named.get("p2", 0.0), named.get("p1", 0.0))
-        fisheye = self.model == "OPENCV_FISHEYE"
-        return Lens(radial, p, fisheye) if fisheye or p or any(radial) else None
+        return lens_of(self.model, dict(zip(parameter_names(self.model), self.params, strict=True)))
 
 
 CameraLike = Camera | ArrayLike | str | Mapping[str, Any]
 
 
 def _as_complex(name: str, points: ArrayLike) -> Complex:
-    rows = np.asarray(points, dtype=np.float64, order="C")
+    rows = np.asarray(as_array(points, name), dtype=np.float64, order="C")
     if rows.ndim != 2 or rows.shape[1] != 2:
         raise ValueError(f"{name} has shape {rows.shape}; expected (n, 2), a row for each point")
     return rows.view(np.complex128)[:, 0]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,9 +33,26 @@ _MODELS = {
     17: ("EQUIRECTANGULAR", "width height"),
 }
 _PARAMETERS = {name: tuple(parameters.split()) for name, parameters in _MODELS.values()}
-SUPPORTED = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
+# A camera that sees all around has neither a focal length nor normalised coordinates.
+SUPPORTED = tuple(name for name in _PARAMETERS if name != "EQUIRECTANGULAR")
 # These are a pinhole but for their distortion.
-_PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+_PINHOLES = (
+    "SIMPLE_PINHOLE",
+    "PINHOLE",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "OPENCV",
+    "FULL_OPENCV",
+    "SIMPLE_DIVISION",
+    "DIVISION",
+)
+
+# What parameters of lenses must be, besides finite.
+_RANGES: dict[str, tuple[Callable[[float], bool], str]] = {
+    "omega": (lambda angle: abs(angle) < math.pi, "an angle below pi, in radians"),
+    "alpha": (lambda alpha: 0 <= alpha <= 1, "a number from 0 to 1"),
+    "beta": (lambda beta: beta > 0, "a number above 0"),
+}
 
 
 def model_name(path: FilePath, number: int) -> str:
@@ -68,7 +86,8 @@ def camera_dict(path: FilePath, model: str, width: int, height: int, params: Seq
     """
     if model not in SUPPORTED:
         problem = f"the camera has the model {model}, but nonsac knows only {', '.join(SUPPORTED)}"
-        raise input_error(path, problem, "undistort the images with COLMAP, and match them again")
+        fix = "give a camera of your own, or undistort the images with COLMAP and match them again"
+        raise input_error(path, problem, fix)
     wanted = len(_PARAMETERS[model])
     if len(params) != wanted:
         problem = f"a camera of model {model} has {wanted} parameters, not {len(params)}"
@@ -115,4 +134,6 @@ def checked_parameters(model: str, params: ArrayLike) -> tuple[float, ...]:
             raise ValueError(f"{name} is {number}; expected a finite number")
         if name.startswith("f") and number <= 0:
             raise ValueError(f"{name} is {number}; expected a focal length above 0, in pixels")
+        if name in _RANGES and not _RANGES[name][0](number):
+            raise ValueError(f"{name} is {number}; expected {_RANGES[name][1]}")
     return tuple(numbers.tolist())

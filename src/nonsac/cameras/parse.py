@@ -1,4 +1,4 @@
-"""What a camera may be given as: a line, a mapping, an object of another library, a matrix."""
+"""What a camera may be given as: a line, a mapping, an object of another library, a matrix, OpenCV's coefficients."""
 
 from __future__ import annotations
 
@@ -7,18 +7,31 @@ from typing import Any
 
 import numpy as np
 
+from nonsac.arraylike import as_array
+from nonsac.cameras.calibration import calibration_of, from_calibration, from_coefficients, params_of_matrix
 from nonsac.cameras.models import parameter_names
-from nonsac.layouts import Array
 
 
 def camera_fields(value: Any) -> tuple[Any, ...]:
     if isinstance(value, str):
         return _from_line(value)
+    calibration = calibration_of(value)
+    if calibration is not None:
+        return from_calibration(calibration)
     if isinstance(value, Mapping):
         return _from_mapping(value)
     if hasattr(value, "params") and (hasattr(value, "model") or hasattr(value, "model_name")):
         return _from_object(value)
+    if _is_matrix_and_coefficients(value):
+        return from_coefficients(*value)
     return _from_numbers(value)
+
+
+def _is_matrix_and_coefficients(value: Any) -> bool:
+    try:
+        return isinstance(value, (tuple, list)) and len(value) == 2 and as_array(value[0], "K").shape == (3, 3)
+    except (TypeError, ValueError):  # no array, or rows of different lengths
+        return False
 
 
 def _from_line(line: str) -> tuple[Any, ...]:
@@ -63,23 +76,15 @@ def _from_object(camera: Any) -> tuple[Any, ...]:
 
 def _from_numbers(value: Any) -> tuple[Any, ...]:
     try:
-        numbers = np.asarray(value, dtype=np.float64)
+        numbers = np.asarray(as_array(value, "camera"), dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.empty(())
     if numbers.shape == (3, 3):
-        return "PINHOLE", _params_of_matrix(numbers)
+        return "PINHOLE", params_of_matrix(numbers)
     if numbers.shape == (4,):
         return "PINHOLE", numbers
     what = f"numbers of shape {numbers.shape}" if numbers.ndim else f"a {type(value).__name__}"
     raise TypeError(
-        f"{what} does not describe one; expected a Camera, a 3 x 3 matrix, (fx, fy, cx, cy), a string such as "
-        "'PINHOLE 1000 1000 800 600', or a dict or an object with model and params"
+        f"{what} does not describe one; expected a Camera, a 3 x 3 matrix, (fx, fy, cx, cy), (K, distortion), a string "
+        "such as 'PINHOLE 1000 1000 800 600', or a dict or an object with model and params"
     )
-
-
-def _params_of_matrix(K: Array) -> list[float]:
-    if not np.array_equal(K[2], [0, 0, 1]):
-        raise ValueError(f"the bottom row of K is {K[2]}; expected 0 0 1 (divide K by K[2, 2], or transpose it)")
-    if K[0, 1] != 0 or K[1, 0] != 0:
-        raise ValueError(f"K has the skew {K[0, 1]} (and K[1, 0] is {K[1, 0]}); expected 0, as in all models")
-    return [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]

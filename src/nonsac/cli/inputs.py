@@ -147,10 +147,12 @@ def image_of(name: str) -> str | int:
 
 def choose_camera(option: str | None, path: str, name: str, in_file: CameraLike | None) -> Camera | None:
     """The camera of the option, else that of the file, called `name` there."""
+    return _camera(in_file, path, name) if option is None else camera_of(option)
+
+
+def _camera(in_file: CameraLike | None, path: str, name: str) -> Camera | None:
     from nonsac.cameras.camera import Camera
 
-    if option is not None:
-        return camera_of(option)
     if in_file is None:
         return None
     with blaming(path):
@@ -159,9 +161,13 @@ def choose_camera(option: str | None, path: str, name: str, in_file: CameraLike 
 
 def choose_cameras(options: tuple[str | None, str | None], path: str, in_file: Sequence[CameraLike | None]) -> Cameras:
     """Those of both images; that of the second one is by default that of the first."""
-    found = (*in_file, None, None)
-    first = choose_camera(options[0], path, "camera1", found[0])
-    second = choose_camera(options[1], path, "camera2", found[1])
+    from nonsac.cameras.unreadable import chosen_cameras
+
+    given = [None if option is None else camera_of(option) for option in options]
+    first, second = (
+        _camera(camera, path, name)
+        for camera, name in zip(chosen_cameras(given, in_file or (None, None)), ("camera1", "camera2"), strict=True)
+    )
     if first is None and second is not None:
         raise bad("--camera1", "give the camera of the first image, too")
     return first, second or first
@@ -197,8 +203,12 @@ def read_photo(option: str, path: Path | None, picture: Path | None, camera: Cam
 @contextmanager
 def blaming(path: Path | str) -> Iterator[None]:
     """Name the file whose content is refused."""
+    from nonsac.files.errors import InputError
+
     try:
         yield
+    except InputError:  # it names its file
+        raise
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

@@ -4,6 +4,7 @@ import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.cameras.models import camera_dict, model_name, pinhole_matrix
+from nonsac.cameras.unreadable import camera_or_error, check_readable
 from nonsac.files.content import check_kind
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.io.correspondences import Matches, Points
@@ -46,9 +48,16 @@ def read_colmap_pair(path: FilePath, image1: _Image, image2: _Image) -> Matches:
         If the file cannot be read, is no database of COLMAP, is locked or damaged, does not hold the images or
         their matches, or has a camera of a model that nonsac does not know.
     """
+    pair = pair_of_database(path, image1, image2)
+    check_readable(pair.camera1, pair.camera2)
+    return pair
+
+
+def pair_of_database(path: FilePath, image1: _Image, image2: _Image) -> Matches:
+    """As `read_colmap_pair`, with an `UnreadableCamera` in place of a camera that cannot be read."""
     with _open(path) as database:
         numbers = _find_pair(path, database, image1, image2)
-        camera1, camera2 = (camera_dict(path, *_read_camera(path, database, number)) for number in numbers)
+        camera1, camera2 = _find_cameras(path, database, numbers)
         keypoints1, keypoints2 = (_read_keypoints(path, database, number) for number in numbers)
         indices = _read_matches(path, database, numbers, f"{image1!r} and {image2!r}")
     if (indices.max(axis=0, initial=-1) >= (len(keypoints1), len(keypoints2))).any():
@@ -84,8 +93,8 @@ def write_two_view_geometry(
     Raises
     ------
     InputError
-        If the pose or the matches do not fit, or the file cannot be written, is no database of COLMAP, is locked or
-        damaged, or does not hold the images.
+        If the pose or the matches do not fit, a camera has no focal length, or the file cannot be written, is no
+        database of COLMAP, is locked or damaged, or does not hold the images.
     """
     rotation, translation = _check_pose(path, transform)
     inliers = _check_inliers(path, matches)
@@ -99,8 +108,8 @@ def write_two_view_geometry(
         if numbers[0] > numbers[1]:
             numbers, inliers = numbers[::-1], inliers[:, ::-1]
             rotation, translation = rotation.T, -rotation.T @ translation
-        cameras = [_read_camera(path, database, number) for number in numbers]
-        _write_row(database, _pair_id(numbers), inliers, _geometry(rotation, translation, cameras))
+        matrices = [_pinhole_matrix(path, database, number) for number in numbers]
+        _write_row(database, _pair_id(numbers), inliers, _geometry(rotation, translation, matrices))
 
 
 def _find_pair(path: FilePath, database: sqlite3.Connection, image1: _Image, image2: _Image) -> list[int]:
@@ -118,6 +127,22 @@ def _find_image(path: FilePath, database: sqlite3.Connection, image: _Image) -> 
         rows = database.execute(f"SELECT {column} FROM images ORDER BY image_id")
         raise not_held(path, f"image {image!r}", [str(name) for (name,) in rows])
     return int(row[0])
+
+
+def _find_cameras(path: FilePath, database: sqlite3.Connection, numbers: Sequence[int]) -> list[Any]:
+    """The cameras of images, or what stands for those that cannot be read; one object if they share one camera."""
+    cameras: dict[Any, Any] = {}
+    found = []
+    for number in numbers:
+        (shared,) = database.execute("SELECT camera_id FROM images WHERE image_id = ?", (number,)).fetchone()
+        if shared not in cameras:
+            cameras[shared] = camera_or_error(partial(_describe_camera, path, database, number))
+        found.append(cameras[shared])
+    return found
+
+
+def _describe_camera(path: FilePath, database: sqlite3.Connection, image: int) -> dict[str, Any]:
+    return camera_dict(path, *_read_camera(path, database, image))
 
 
 def _read_camera(path: FilePath, database: sqlite3.Connection, image: int) -> tuple[str, int, int, list[float]]:
@@ -195,21 +220,29 @@ def _check_inliers(path: FilePath, matches: ArrayLike) -> NDArray[np.int64]:
     return inliers.astype(np.int64)
 
 
-def _geometry(
-    rotation: Points, translation: Points, cameras: Sequence[tuple[str, int, int, list[float]]]
-) -> dict[str, Any]:
+def _pinhole_matrix(path: FilePath, database: sqlite3.Connection, image: int) -> Points | None:
+    """Return the matrix of the camera of an image without its distortion, or None for a fisheye."""
+    model, _, _, params = _read_camera(path, database, image)
+    matrix = pinhole_matrix(model, params)
+    if matrix is not None and not (np.isfinite(matrix).all() and np.diag(matrix).min() > np.finfo(float).tiny):
+        problem = f"the camera of image {image} has the focal lengths {matrix[0, 0]:g} and {matrix[1, 1]:g}"
+        raise input_error(path, problem, "write the right ones, in pixels, into the database first")
+    return matrix
+
+
+def _geometry(rotation: Points, translation: Points, matrices: Sequence[Points | None]) -> dict[str, Any]:
     """Return what COLMAP stores of a calibrated pair of views, by the names of its columns."""
     from scipy.spatial.transform import Rotation
 
     x, y, z = translation / np.linalg.norm(translation)
     essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
-    first, second = (pinhole_matrix(model, params) for model, _, _, params in cameras)
+    first, second = matrices
     fundamental = None
     if first is not None and second is not None:
         fundamental = np.linalg.inv(second).T @ essential @ np.linalg.inv(first)
     quaternion = np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
-    matrices = {"F": fundamental, "E": essential, "qvec": quaternion, "tvec": translation}
-    blobs = {name: None if matrix is None else matrix.astype("<f8").tobytes() for name, matrix in matrices.items()}
+    arrays = {"F": fundamental, "E": essential, "qvec": quaternion, "tvec": translation}
+    blobs = {name: None if array is None else array.astype("<f8").tobytes() for name, array in arrays.items()}
     return {"config": _CALIBRATED, **blobs, "H": None}
 
 

@@ -1,9 +1,11 @@
 """Read what an image shows, and where it was taken, from a sparse model of COLMAP."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from nonsac.cameras.unreadable import camera_or_error, check_readable
 from nonsac.files.content import unreadable
 from nonsac.files.errors import FilePath, input_error
 from nonsac.io import colmap_binary, colmap_text
@@ -35,10 +37,17 @@ def read_colmap_points(folder: FilePath, image: str | int) -> PointMatches:
         If the files are missing, cannot be read, are truncated or damaged, do not hold the image or do not fit each
         other, or the camera has a model that nonsac does not know.
     """
+    points = points_of_model(folder, image)
+    check_readable(points.camera)
+    return points
+
+
+def points_of_model(folder: FilePath, image: str | int) -> PointMatches:
+    """As `read_colmap_points`, with an `UnreadableCamera` in place of a camera that cannot be read."""
     place, suffix = _find_model(folder)
     reader = _READERS[suffix]
     found = reader.find_image(place / f"images{suffix}", image)
-    camera = reader.find_camera(place / f"cameras{suffix}", found.camera)
+    camera = camera_or_error(partial(reader.find_camera, place / f"cameras{suffix}", found.camera))
     has_point = found.points >= 0
     numbers = found.points[has_point].tolist()
     path = place / f"points3D{suffix}"

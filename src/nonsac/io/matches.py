@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.cameras.unreadable import check_readable
 from nonsac.files.arrays import open_npz
 from nonsac.files.content import content_kind
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.paths import is_folder, is_url, read_head
 from nonsac.io.clouds import read_cloud
-from nonsac.io.colmap_database import read_colmap_pair
-from nonsac.io.colmap_model import read_colmap_points
+from nonsac.io.colmap_database import pair_of_database
+from nonsac.io.colmap_model import points_of_model
 from nonsac.io.correspondences import CameraDescription, Matches, PointMatches, Points
 from nonsac.io.hloc import read_hloc
 from nonsac.layouts import MATCHES, PAIRS, POINTS, Layout
@@ -42,7 +43,8 @@ class Opened:
     source : Source
         The columns of the layout, in its order, and a weight in the last one, if the file has weights.
     cameras : tuple
-        For each camera of the layout a 3x3 matrix, or a line or dict in the form of COLMAP; None if it is not known.
+        For each camera of the layout a 3x3 matrix, or a line or dict in the form of COLMAP; None if it is not known;
+        something that `nonsac.Camera.parse` refuses if it cannot be read, which does not matter if another is used.
     indices : (n, 2) int64 or None
         Which keypoints of the two images match, if the file numbers them.
     """
@@ -133,6 +135,7 @@ def read_matches(path: FilePath, image1: Image | None = None, image2: Image | No
     opened = open_matches(MATCHES, [path], [image1, image2])
     (first, second), weights = _all_rows(opened.source, MATCHES)
     camera1, camera2 = opened.cameras
+    check_readable(camera1, camera2)
     return Matches(first, second, weights, camera1, camera2, opened.indices)
 
 
@@ -163,6 +166,7 @@ def read_points(path: FilePath, image: Image | None = None) -> PointMatches:
     opened = open_matches(POINTS, [path], [image])
     (first, second), weights = _all_rows(opened.source, POINTS)
     (camera,) = opened.cameras
+    check_readable(camera)
     return PointMatches(first, second, weights, camera)
 
 
@@ -222,9 +226,9 @@ def _of_two(layout: Layout, first: FilePath, second: FilePath, images: Sequence[
 
 def _of_images(layout: Layout, path: FilePath, images: Sequence[Image]) -> Opened:
     if layout == MATCHES and len(images) == 2:
-        return _of_arrays(read_colmap_pair(path, *images))
+        return _of_arrays(pair_of_database(path, *images))
     if layout == POINTS and len(images) == 1:
-        points = read_colmap_points(path, *images)
+        points = points_of_model(path, *images)
         return Opened(_joined(points.points2d, points.points3d, points.weights), (points.camera,))
     if layout == MATCHES:
         raise input_error(path, "matches are those of two images", "name two, as image1 and image2, or none")

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nonsac.arraylike import as_array
 from nonsac.io.correspondences import Matches, Points
 
 
@@ -66,10 +67,7 @@ def from_warp(
 
 
 def _array(name: str, values: Any) -> Points:
-    if hasattr(values, "detach"):
-        # A tensor of PyTorch, which may have a gradient, lie on a GPU or be of a type that NumPy lacks.
-        values = values.detach().cpu().double()
-    array = np.asarray(values)
+    array = as_array(values, name)
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name} has the type {array.dtype}; expected real numbers")
     return array.astype(np.float64)

@@ -19,6 +19,7 @@ from nonsac.method.union_refit import UnionRefit
 from nonsac.method.verdict import Residuals
 from nonsac.problems.contract import Problem, rows_of
 from nonsac.problems.normal_equations import LikelyInliers, NormalEquations, Streaming, weighted
+from nonsac.quiet import quiet
 from nonsac.result import Remark, Status
 from nonsac.running.executors import Workers, are_elsewhere, cores, ordered_map, parsed
 from nonsac.running.memory import bytes_of_block
@@ -105,6 +106,7 @@ class SumTask:
     bounds: NDArray[np.int64]
     repeated: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
 
+    @quiet
     def __call__(self, piece: int) -> Sums:
         chunks = self.source.chunks(_CHUNK, int(self.bounds[piece]), int(self.bounds[piece + 1]))
         return reduce(add, map(self._sums, chunks))

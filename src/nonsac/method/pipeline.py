@@ -18,6 +18,7 @@ from nonsac.method.settings import Settings
 from nonsac.method.wrong_noise import remarks_on_noise
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
+from nonsac.quiet import quiet
 from nonsac.result import VERSION, Evidence, Hypothesis, Remark, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.memory import peak_memory
@@ -30,6 +31,7 @@ _ENOUGH_FOR_SPECIAL_CASES = 8
 _ENOUGH_FAILURES = 8
 
 
+@quiet
 def run(source: Source, problem: Problem, estimator: Estimator, settings: Settings, stop: Stop | None = None) -> Result:
     """Estimate a model from a source whose rows fit the problem."""
     budget = Budget.of(source, problem, estimator, settings)

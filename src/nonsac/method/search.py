@@ -15,6 +15,7 @@ from nonsac.layouts import Array, Rows
 from nonsac.method.sampling import sample_rows, sample_start, union_rows
 from nonsac.problems.contract import ContractBroken, Problem, blame, rows_of
 from nonsac.problems.noise import Noise
+from nonsac.quiet import quiet
 from nonsac.result import Hypothesis
 from nonsac.running.executors import Workers, are_elsewhere, ordered_map
 from nonsac.sources import ArraySource
@@ -46,6 +47,7 @@ class SampleTask:
     def __call__(self, sample: int) -> Hypothesis:
         return self.estimated(sample, *self.rows(sample))
 
+    @quiet
     def estimated(self, sample: int, rows: Rows, dropped: int) -> Hypothesis:
         """The hypothesis of a sample whose rows are at hand."""
         number, problem = self.number + sample, self.problem
@@ -62,6 +64,7 @@ class SampleTask:
             return replace(nothing, dropped=dropped, fault=f"{type(error).__name__}: {error}")
         return replace(checked_hypothesis(hypothesis, problem, self.estimator), sample=number, dropped=dropped)
 
+    @quiet
     def rows(self, sample: int) -> tuple[Rows, int]:
         """The usable rows of a sample, and how many were dropped because they are not finite."""
         indices = sample_rows(len(self.source), self.position(sample), self.sample_size, self.seed)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.arraylike import as_array
 from nonsac.sources.contract import About, Source
 
 
@@ -28,7 +29,7 @@ class ArraySource(Source):
     def __init__(self, rows: ArrayLike, names: Sequence[str] | None = None) -> None:
         if np.ma.isMaskedArray(rows):
             raise TypeError("rows must not be a masked array; pass rows.filled(numpy.nan) to have masked rows dropped")
-        self.rows = np.asanyarray(rows)
+        self.rows = rows if isinstance(rows, np.ndarray) else as_array(rows, "rows")
         if self.rows.ndim != 2:
             raise ValueError(f"rows must be a (n, D) array, got shape {self.rows.shape}")
         if self.rows.dtype.kind not in "fiu":
