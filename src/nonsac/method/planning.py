@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from nonsac.checks import shown
 from nonsac.running.memory import bytes_for
 from nonsac.sources import MappedSource
 from nonsac.sources.contract import Source
@@ -93,7 +94,9 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
     """
     for name, value in (("samples", samples), ("sample_size", sample_size)):
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise ValueError(f"{name} must be a positive integer, got {value!r}")
+            raise ValueError(f"{name} must be a positive integer, got {shown(value)}")
+    if not isinstance(source, Source):
+        raise TypeError(f"source must be a source of rows, got {shown(source)}; see nonsac.open_source")
     rows = len(source)
     read = min(rows, max(_ROWS_OF_THE_LAST_FIT, samples * sample_size))
     bytes_read, bytes_of_all = source.bytes_to_take(read), source.bytes_to_take(rows)

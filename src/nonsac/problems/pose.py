@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from nonsac.checks import as_float, shown
 from nonsac.layouts import Array
 
 _LARGEST_ROTATION_SIGMA = 0.17
@@ -12,9 +13,9 @@ _LARGEST_ROTATION_SIGMA = 0.17
 def positive(name: str, value: float) -> float:
     """The value as a float; kernels would be compiled anew for other types."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-        raise TypeError(f"{name} must be a positive number, got {value!r}")
-    if not 0 < value < np.inf:
-        raise ValueError(f"{name} must be a positive number, got {value!r}")
+        raise TypeError(f"{name} must be a positive number, got {shown(value)}")
+    if not 0 < as_float(value) < np.inf:
+        raise ValueError(f"{name} must be a positive number, got {shown(value)}")
     return float(value)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.checks import as_float, shown
 from nonsac.kernels.kabsch import fit_each, fit_similarity
 from nonsac.kernels.pose_math import rotate
 from nonsac.kernels.registration import (
@@ -43,8 +44,8 @@ class Registration(Streaming, Problem):
     def __post_init__(self) -> None:
         if self.scale is None:
             return
-        if not isinstance(self.scale, (int, float, np.floating, np.integer)) or not 0 < self.scale < np.inf:
-            raise ValueError(f"scale must be positive, or None to estimate it, got {self.scale!r}")
+        if not isinstance(self.scale, (int, float, np.floating, np.integer)) or not 0 < as_float(self.scale) < np.inf:
+            raise ValueError(f"scale must be positive, or None to estimate it, got {shown(self.scale)}")
         object.__setattr__(self, "scale", float(self.scale))  # other types would compile the kernels anew
 
     def solve_minimal(self, samples: Array) -> Array:

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nonsac.checks import real_array
 from nonsac.simulate.motions import (
+    MOST,
     Floats,
     Seed,
     check_count,
@@ -66,9 +68,8 @@ def cloud_pair(cloud: ArrayLike, rng: Seed, points: int = 500, overlap: float = 
     ValueError
         If an argument is out of its range, or the cloud has too few points for two such subsets.
     """
-    check_count("points", points)
-    check_share("overlap", overlap)
-    check_not_negative("noise", noise)
+    points, overlap = check_count("points", points), check_share("overlap", overlap)
+    noise = check_not_negative("noise", noise)
     unit = _fit_unit_cube(cloud)
     shared = round(overlap * points)
     needed = 2 * points - shared
@@ -85,11 +86,13 @@ def cloud_pair(cloud: ArrayLike, rng: Seed, points: int = 500, overlap: float = 
 
 
 def _fit_unit_cube(cloud: ArrayLike) -> Floats:
-    points = np.asarray(cloud, dtype=np.float64)
+    points = real_array("cloud", cloud)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"cloud has shape {points.shape}; expected (k, 3)")
     if not np.isfinite(points).all():
         raise ValueError("cloud holds NaN or infinity; expected finite points")
+    if (np.abs(points) > MOST).any():
+        raise ValueError(f"cloud holds {np.abs(points).max():g}; expected coordinates below {MOST:g}")
     longest = np.ptp(points, axis=0).max() if len(points) else 0.0
     if longest == 0.0:
         raise ValueError(f"cloud has {len(points)} points and no extent; expected points that differ")

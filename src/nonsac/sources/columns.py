@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from nonsac.checks import iterable, shown
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.layouts import WEIGHT, Layout
 from nonsac.sources.contract import Source
@@ -30,7 +31,8 @@ def choose_columns(
         return list(range(width))
     if isinstance(columns, str):
         raise TypeError(f"columns must be a sequence of positions or names, got {columns!r}")
-    chosen = [_position(path, column, width, names) for column in columns]
+    given = iterable("columns", columns, "a sequence of positions or names")
+    chosen = [_position(path, column, width, names) for column in given]
     if not chosen:
         raise input_error(path, "none of its columns is asked for", "leave columns out to read all of them")
     return chosen
@@ -51,7 +53,10 @@ def _position(path: FilePath, column: Any, width: int, names: Sequence[str] | No
 
 def real_dtype(path: FilePath, dtype: DTypeLike, what: str = "numbers") -> np.dtype[Any]:
     """The dtype, if it is one of real numbers."""
-    kind = np.dtype(dtype)
+    try:
+        kind = np.dtype(dtype)
+    except (TypeError, ValueError, AttributeError, SyntaxError):
+        raise TypeError(f"dtype must be a type of numbers, such as '<f8', got {shown(dtype)}") from None
     if kind.kind not in "fiu":
         raise input_error(path, f"holds {what} of type {kind}", "give real numbers, integers or floating-point")
     return kind

@@ -11,6 +11,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.checks import file_name, listed, shown
 from nonsac.files.arrays import Archive, as_rows, open_npz
 from nonsac.files.content import UTF16, content_kind, with_article
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
@@ -69,6 +70,9 @@ def open_source(
     InputError
         If there is no such file, its kind is unknown or unfit, or it lacks what was asked for.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        path = listed("path", path, "a path, or several")
+    _check_types(path, layout, columns, dataset)
     asked = _Asked(_layout_of(layout) if isinstance(layout, str) else layout, columns, dataset)
     _check_chosen(asked)
     source = _opened(path, asked)
@@ -79,6 +83,17 @@ def open_source(
     except ValueError as error:
         name = path if isinstance(path, (str, os.PathLike)) else next(iter(path))
         raise InputError(f"{name}: {error}") from None
+
+
+def _check_types(path: Any, layout: Any, columns: Any, dataset: Any) -> None:
+    for name in [path] if isinstance(path, (str, os.PathLike)) else path:
+        file_name("path", name)
+    if layout is not None and not isinstance(layout, (str, Layout)):
+        raise TypeError(f'layout must be a nonsac.Layout or a string such as "x1 y1 | x2 y2", got {shown(layout)}')
+    if columns is not None and not isinstance(columns, Sequence) and not isinstance(columns, np.ndarray):
+        raise TypeError(f"columns must be a sequence of positions or names, got {shown(columns)}")
+    if dataset is not None and not isinstance(dataset, str):
+        raise TypeError(f"dataset must be the name of an array, got {shown(dataset)}")
 
 
 def _check_chosen(asked: _Asked) -> None:
