@@ -1,17 +1,11 @@
 """What is no number, array, list or name is refused with the argument's name."""
 
-import decimal
 import math
 
 import numpy as np
 import pytest
 
 from nonsac import checks
-
-
-class Unprintable:
-    def __repr__(self):
-        raise RuntimeError("no")
 
 
 @pytest.mark.parametrize("value", [[[1, 2], [3]], "abc", None, [1j], np.zeros(3, "M8[s]"), object(), [None]])
@@ -29,26 +23,16 @@ def test_real_array():
         np.testing.assert_array_equal(found, [1, 2.5])
 
 
-@pytest.mark.parametrize(
-    ("value", "error"),
-    [
-        *((value, TypeError) for value in ("1", True, None, 1j, decimal.Decimal(1), Unprintable())),
-        *((value, ValueError) for value in (-1, 2.5, math.nan, 10**400)),
-    ],
-)
-def test_no_number(value, error):
-    with pytest.raises(error, match=r"^noise is .*; expected a share$"):
+@pytest.mark.parametrize("value", ["1", None, 1j, -1, 2.5, math.nan, 10**400])
+def test_no_number(value):
+    with pytest.raises(ValueError, match=r"^noise is .*; expected a share$"):
         checks.number("noise", value, 0.0, 2.0, "a share")
 
 
 def test_numbers():
-    assert checks.number("noise", np.float16(0.5), 0.0, 1.0, "a share") == 0.5
-    assert checks.as_float(10**400) == math.inf
-    assert checks.as_float(-(10**400)) == -math.inf
-    assert checks.positive_number("noise", 5e-324) == 5e-324
-    for value in (0.0, math.inf):
-        with pytest.raises(ValueError, match="noise"):
-            checks.positive_number("noise", value)
+    found = checks.number("noise", np.float16(0.5), 0.0, 1.0, "a share")
+    assert found == 0.5
+    assert type(found) is float
 
 
 def test_whole_numbers():
@@ -71,9 +55,3 @@ def test_names_of_files(tmp_path):
     for value, error in ((3, TypeError), (b"a", TypeError), (None, TypeError), ("a\0b", ValueError)):
         with pytest.raises(error, match=r"^path is "):
             checks.file_name("path", value)
-
-
-def test_shown():
-    assert checks.shown(np.zeros((2, 2))) == "array([[0., 0.], [0., 0.]])"
-    assert checks.shown(Unprintable()) == "a Unprintable"
-    assert len(checks.shown("x" * 10**6)) == 80

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.arraylike import as_array
+from nonsac.numeric import as_real, as_whole, shown
 from nonsac.quiet import quiet
-
-_SHOWN = 80
-
-
-def shown(value: object) -> str:
-    """A value as messages show it: short, in one line."""
-    try:
-        text = " ".join(repr(value).split())
-    except Exception:  # the value is somebody else's
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
 
 @quiet
@@ -41,37 +29,18 @@ def real_array(name: str, values: Any, expected: str = "real numbers") -> NDArra
     return array.astype(np.float64)
 
 
-def as_float(value: Any) -> float:
-    """A number as a float, infinite if it is too large."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
-
-
 def number(name: str, value: Any, low: float, high: float, expected: str) -> float:
     """A number between two bounds, which belong to it, as a float.
 
     Raises
     ------
-    TypeError
-        If it is no number.
     ValueError
-        If it is beyond the bounds, or NaN.
+        If it is no number, or beyond the bounds.
     """
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
-        raise TypeError(f"{name} is {shown(value)}; expected {expected}")
-    found = as_float(value)
+    found = as_real(value)
     if not low <= found <= high:
         raise ValueError(f"{name} is {shown(value)}; expected {expected}")
     return found
-
-
-def positive_number(name: str, value: Any) -> float:
-    """A finite number above 0; raises what `number` raises."""
-    return number(name, value, math.ulp(0.0), math.nextafter(math.inf, 0.0), "a finite number above 0")
 
 
 def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
@@ -85,9 +54,9 @@ def whole_number(name: str, value: Any, least: int, most: int | None = None) -> 
         If it is beyond the bounds.
     """
     expected = f"an integer of at least {least}" if most is None else f"an integer from {least} to {most:,}"
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Integral):
+    found = as_whole(value)
+    if found is None:
         raise TypeError(f"{name} is {shown(value)}; expected {expected}")
-    found = int(value)
     if found < least or (most is not None and found > most):
         raise ValueError(f"{name} is {shown(value)}; expected {expected}")
     return found

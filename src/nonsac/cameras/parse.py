@@ -76,8 +76,9 @@ def _from_object(camera: Any) -> tuple[Any, ...]:
 
 def _from_numbers(value: Any) -> tuple[Any, ...]:
     try:
-        numbers = np.asarray(as_array(value, "camera"), dtype=np.float64)
-    except (TypeError, ValueError):
+        given = as_array(value, "camera")
+        numbers = given.astype(np.float64) if given.dtype.kind in "fiuO" else np.empty(())
+    except (TypeError, ValueError, OverflowError):
         numbers = np.empty(())
     if numbers.shape == (3, 3):
         return "PINHOLE", params_of_matrix(numbers)

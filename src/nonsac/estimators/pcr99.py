@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from numbers import Integral, Real
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.checks import as_float, shown
 from nonsac.estimators.contract import Estimator
 from nonsac.kernels.consistency import (
     count_consistent_distances,
@@ -20,6 +18,7 @@ from nonsac.kernels.consistency import (
     sum_consistent_ratios,
 )
 from nonsac.layouts import Array, Rows
+from nonsac.numeric import as_real, as_whole, shown
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.fits import inlier_fit, reweighted_fit
 from nonsac.problems.noise import Noise
@@ -27,7 +26,6 @@ from nonsac.problems.registration import Registration, centre
 from nonsac.result import Hypothesis
 
 _BATCH = 1000
-_MOST = 2**61
 _PROMISING = 10  # one in so many rows goes on to a joint search
 
 # Consistent triplets, and how many were drawn to find them.
@@ -77,25 +75,26 @@ class Pcr99(Estimator):
     rank: Literal["count", "sum"] = "count"
 
     def __post_init__(self) -> None:
-        if not _is_one_of(self.compare, "log_ratio", "distance"):
-            raise ValueError(f'compare must be "log_ratio" or "distance", got {shown(self.compare)}')
-        if not _is_one_of(self.order, "ranked", "random"):
-            raise ValueError(f'order must be "ranked" or "random", got {shown(self.order)}')
-        if not _is_one_of(self.rank, "count", "sum"):
-            raise ValueError(f'rank must be "count" or "sum", got {shown(self.rank)}')
+        if self.compare not in ("log_ratio", "distance"):
+            raise ValueError(f'compare must be "log_ratio" or "distance", got {self.compare!r}')
+        if self.order not in ("ranked", "random"):
+            raise ValueError(f'order must be "ranked" or "random", got {self.order!r}')
+        if self.rank not in ("count", "sum"):
+            raise ValueError(f'rank must be "count" or "sum", got {self.rank!r}')
         if self.rank == "sum" and self.compare == "distance":
             raise ValueError('rank="sum" adds up differences of log ratios; use compare="log_ratio"')
-        if not _is_one_of(self.refit, "weighted", "once"):
-            raise ValueError(f'refit must be "weighted" or "once", got {shown(self.refit)}')
-        if not _is_real(self.tolerance) or not 0 < as_float(self.tolerance) < _MOST:
+        if self.refit not in ("weighted", "once"):
+            raise ValueError(f'refit must be "weighted" or "once", got {self.refit!r}')
+        if not 0 < as_real(self.tolerance) < np.inf:
             raise ValueError(f"tolerance must be positive, got {shown(self.tolerance)}")
-        object.__setattr__(self, "tolerance", float(self.tolerance))  # other types would compile the kernels anew
-        if self.enough_inliers is not None and not (_is_real(self.enough_inliers) and self.enough_inliers >= 0):
+        object.__setattr__(self, "tolerance", as_real(self.tolerance))  # other types would compile the kernels anew
+        if self.enough_inliers is not None and not as_real(self.enough_inliers) >= 0:
             raise ValueError(f"enough_inliers must be None or a share of the rows, got {shown(self.enough_inliers)}")
         for name, least in (("min_valid", 0), ("max_valid", 1), ("max_drawn", 1)):
-            value = getattr(self, name)
-            if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) <= _MOST:
-                raise ValueError(f"{name} must be at least {least}, a whole number, got {shown(value)}")
+            number = as_whole(getattr(self, name))
+            if number is None or number < least:
+                raise ValueError(f"{name} must be a whole number of at least {least}, got {shown(getattr(self, name))}")
+            object.__setattr__(self, name, number)
 
     @classmethod
     def for_pairs(cls) -> Pcr99:
@@ -125,8 +124,6 @@ class Pcr99(Estimator):
         registration, threshold, weights = self._registration(problem), noise.threshold, rows.mean_weights
         # In units of the threshold, so that single precision serves any unit.
         columns = np.ascontiguousarray((rows.values - centre(rows.values)).T / threshold)
-        if registration.scale is None:
-            columns[:3] *= _size(columns[3:]) / _size(columns[:3])  # ratios are sought within e^4 of 1
         ranks = None if self.order == "random" else self._rank_scores(columns, registration)
         if ranks is not None and weights is not None:
             ranks *= weights
@@ -235,17 +232,3 @@ class Pcr99(Estimator):
         else:
             count_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, counts)
         return counts.astype(np.float64)
-
-
-def _size(columns: Array) -> float:
-    """Median distance of points (3, N) from their middle, the origin; 1 if more than half of them are there."""
-    size = float(np.median(np.linalg.norm(columns, axis=0)))
-    return size if size > 0.0 else 1.0
-
-
-def _is_real(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _is_one_of(value: Any, *names: str) -> bool:
-    return isinstance(value, str) and value in names

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nonsac.arraylike import as_array
-from nonsac.checks import real_array, shown
+from nonsac.checks import real_array
 from nonsac.io.correspondences import Matches, Points
+from nonsac.numeric import shown
 from nonsac.seeds import canonical_seed
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from nonsac.checks import shown
+from nonsac.numeric import as_whole, shown
 from nonsac.running.memory import bytes_for
 from nonsac.sources import MappedSource
 from nonsac.sources.contract import Source
@@ -93,8 +93,9 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
         If a number is not positive.
     """
     for name, value in (("samples", samples), ("sample_size", sample_size)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        if not 1 <= (as_whole(value) or 0) <= 2**53:
             raise ValueError(f"{name} must be a positive integer, got {shown(value)}")
+    samples, sample_size = int(samples), int(sample_size)
     if not isinstance(source, Source):
         raise TypeError(f"source must be a source of rows, got {shown(source)}; see nonsac.open_source")
     rows = len(source)

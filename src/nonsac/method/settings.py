@@ -5,13 +5,15 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
+import sys
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar
 
 # Nothing heavy is imported before it is used: the command line shows the settings in its `--help`.
+from nonsac.numeric import as_real, as_whole, shown
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -90,9 +92,10 @@ def _positive(name: str, meaning: str) -> Callable[[Any], float | None]:
     def check(value: Any) -> float | None:
         if value is None:
             return None
-        if not isinstance(value, Real) or isinstance(value, bool) or not 0.0 < float(value) < math.inf:
-            raise ValueError(f"{name} must be a positive number{meaning}, or None, got {value!r}")
-        return float(value)
+        number = as_real(value)
+        if not sys.float_info.min <= number < math.inf:
+            raise ValueError(f"{name} must be a positive number{meaning}, or None, got {shown(value)}")
+        return number
 
     return check
 
@@ -101,12 +104,13 @@ def _count(name: str, auto: bool, most: int | None = MOST_SAMPLES) -> Callable[[
     def check(value: Any) -> int | Auto:
         if auto and isinstance(value, str) and value == "auto":
             return "auto"
-        if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
+        number = as_whole(value)
+        if number is None or number < 1:
             automatic = '"auto" or ' if auto else ""
-            raise ValueError(f"{name} must be {automatic}an integer of at least 1, got {value!r}")
-        if most is not None and int(value) > most:
-            raise ValueError(f"{name} must be at most {most:,}, got {value!r}")
-        return int(value)
+            raise ValueError(f"{name} must be {automatic}an integer of at least 1, got {shown(value)}")
+        if most is not None and number > most:
+            raise ValueError(f"{name} must be at most {most:,}, got {shown(value)}")
+        return number
 
     return check
 
@@ -132,7 +136,7 @@ def _refiner(value: Any) -> Refiner:
 def _workers(value: Any) -> Workers:
     from nonsac.running.executors import parsed
 
-    return parsed(value)
+    return parsed(value if as_whole(value) is None else as_whole(value))
 
 
 def _random(value: Any) -> Any:
@@ -140,14 +144,15 @@ def _random(value: Any) -> Any:
 
     if value is None or isinstance(value, Generator):
         return value
-    if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= 0:
-        return int(value)
-    raise ValueError(f"rng must be a non-negative integer, a numpy Generator or None, got {value!r}")
+    number = as_whole(value)
+    if number is not None and number >= 0:
+        return number
+    raise ValueError(f"rng must be a non-negative integer, a numpy Generator or None, got {shown(value)}")
 
 
 def _progress(value: Any) -> Progress | None:
     if value is not None and not callable(value):
-        raise TypeError(f"progress must be a function of (done, samples), got {value!r}")
+        raise TypeError(f"progress must be a function of (done, samples), got {shown(value)}")
     return value
 
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from nonsac.checks import as_float, shown
 from nonsac.layouts import Array
+from nonsac.numeric import as_real, shown
 
 _LARGEST_ROTATION_SIGMA = 0.17
 
 
 def positive(name: str, value: float) -> float:
     """The value as a float; kernels would be compiled anew for other types."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-        raise TypeError(f"{name} must be a positive number, got {shown(value)}")
-    if not 0 < as_float(value) < np.inf:
-        raise ValueError(f"{name} must be a positive number, got {shown(value)}")
-    return float(value)
+    number = as_real(value)
+    if not 0 < number < np.inf:
+        kind = TypeError if np.isnan(number) and not isinstance(value, float) else ValueError
+        raise kind(f"{name} must be a positive number, got {shown(value)}")
+    return number
 
 
 def homogeneous(model: Array) -> Array:

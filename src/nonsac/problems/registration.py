@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.checks import as_float, shown
 from nonsac.kernels.kabsch import fit_each, fit_similarity
 from nonsac.kernels.pose_math import rotate
 from nonsac.kernels.registration import (
@@ -18,6 +17,7 @@ from nonsac.kernels.registration import (
     registration_residuals,
 )
 from nonsac.layouts import PAIRS, Array
+from nonsac.numeric import as_real, shown
 from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, robust_covariance
 from nonsac.problems.noise import Noise
@@ -44,9 +44,9 @@ class Registration(Streaming, Problem):
     def __post_init__(self) -> None:
         if self.scale is None:
             return
-        if not isinstance(self.scale, (int, float, np.floating, np.integer)) or not 0 < as_float(self.scale) < np.inf:
+        if not 0 < as_real(self.scale) < np.inf:
             raise ValueError(f"scale must be positive, or None to estimate it, got {shown(self.scale)}")
-        object.__setattr__(self, "scale", float(self.scale))  # other types would compile the kernels anew
+        object.__setattr__(self, "scale", as_real(self.scale))  # other types would compile the kernels anew
 
     def solve_minimal(self, samples: Array) -> Array:
         """Models of B samples of three rows (B, 3, 6); collinear samples have none."""
@@ -80,11 +80,9 @@ class Registration(Streaming, Problem):
 
     def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
         """False for collinear inliers: the rotation about their line would be uncertain by ten degrees or more."""
-        source, target = (
-            np.linalg.svd(half - half.mean(axis=0), compute_uv=False)[1] for half in (inliers[:, :3], inliers[:, 3:])
-        )
-        scale = np.nan_to_num(np.linalg.norm(model[:, 0]), nan=1.0)  # the noise is in the unit of the target
-        return bool(noise.sigma < 0.17 * min(scale * source, target))
+        halves = (inliers[:, :3], inliers[:, 3:])
+        spread = min(np.linalg.svd(half - half.mean(axis=0), compute_uv=False)[1] for half in halves)
+        return bool(noise.sigma < 0.17 * spread)
 
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t.

@@ -139,7 +139,11 @@ def plane_of(model: Array, rows: Array, error: Callable[[Array], Array], thresho
     best = max(planes, key=lambda plane: np.count_nonzero(error(plane) < threshold))
     for _ in range(3):
         weights = slope * (error(best) < threshold)
-        best = np.linalg.lstsq(rays * weights[:, None], inverse_depth * weights, rcond=None)[0]
+        equations, values = rays * weights[:, None], inverse_depth * weights
+        finite = np.isfinite(equations).all(axis=1) & np.isfinite(values)  # rows so far out that squares overflow
+        if not finite.all():
+            equations, values = equations[finite], values[finite]
+        best = np.linalg.lstsq(equations, values, rcond=None)[0]
     return np.asarray(best)
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from numbers import Real
 from typing import Any
+
+from nonsac.numeric import as_real, shown
 
 _FACTORS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "KI": 2**10, "MI": 2**20, "GI": 2**30, "TI": 2**40}
 _PATTERN = re.compile(r"\s*([0-9.]+(?:e[+]?[0-9]+)?)\s*([KMGT]I?)?B?\s*", re.IGNORECASE)
@@ -27,11 +28,11 @@ def bytes_of(text: object, name: str = "max_memory") -> int:
     try:
         if match:
             text = float(match[1]) * _FACTORS[(match[2] or "").upper()]
-        if isinstance(text, Real) and not isinstance(text, bool) and 0.0 < float(text) < 2.0**62:
-            return int(float(text))
+        if 0.0 < as_real(text) < 2.0**62:
+            return int(as_real(text))
     except ValueError:  # 1.2.3
         pass
-    raise ValueError(f'{name} must be a positive number of bytes, or words such as "500 MB", got {text!r}')
+    raise ValueError(f'{name} must be a positive number of bytes, or words such as "500 MB", got {shown(text)}')
 
 
 def rows_within(max_memory: int, source: Any) -> int:

@@ -35,7 +35,9 @@ def demo_scans(rng: Seed, points: int = 20_000, noise: float = 0.002) -> CloudPa
     ValueError
         If an argument is out of its range.
     """
-    points, noise = check_count("points", points), check_not_negative("noise", noise)
+    check_count("points", points)
+    check_not_negative("noise", noise)
+    points, noise = int(points), float(noise)
     generator = generator_of(rng)
     T = random_motion(generator)
     scans, shares = [], []

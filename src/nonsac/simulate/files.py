@@ -77,8 +77,8 @@ def to_file(
         raise ValueError(f"problem is {problem!r}; expected one of {', '.join(PROBLEMS)}")
     if dtype not in ("float32", "float64"):
         raise ValueError(f"dtype is {dtype!r}; expected float32 or float64")
-    n, outlier_ratio, noise = check_matches(n, outlier_ratio, noise)
-    row_group = check_count("row_group", row_group)
+    check_matches(n, outlier_ratio, noise)
+    check_count("row_group", row_group)
     kind = PROBLEMS[problem]
     check_rows_target(path, len(kind.columns), n, dtype)
     generator = generator_of(rng)

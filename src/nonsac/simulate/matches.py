@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.checks import number
+from nonsac.numeric import as_real, shown
 from nonsac.simulate.motions import (
-    MOST,
     Floats,
     Seed,
     check_count,
@@ -113,8 +112,10 @@ def registration(n: int, outlier_ratio: float, noise: float, rng: Seed, scale: f
     ValueError
         If an argument is out of its range.
     """
-    n, outlier_ratio, noise = check_matches(n, outlier_ratio, noise)
-    scale = number("scale", scale, 1 / MOST, MOST, f"a number from {1 / MOST:g} to {MOST:g}")
+    check_matches(n, outlier_ratio, noise)
+    n, noise = int(n), float(noise)
+    if not 0 < as_real(scale) < np.inf:
+        raise ValueError(f"scale is {shown(scale)}; expected a finite number above 0")
     generator = generator_of(rng)
     T = random_motion(generator, scale)
     source = generator.random((n, 3))
@@ -157,7 +158,8 @@ def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Imag
     ValueError
         If an argument is out of its range.
     """
-    n, outlier_ratio, noise = check_matches(n, outlier_ratio, noise)
+    check_matches(n, outlier_ratio, noise)
+    n, noise = int(n), float(noise)
     generator = generator_of(rng)
     T = second_camera(generator)
     points1, points2, _ = _seen_by_both(T, n, generator)
@@ -193,7 +195,8 @@ def absolute_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Poin
     ValueError
         If an argument is out of its range.
     """
-    n, outlier_ratio, noise = check_matches(n, outlier_ratio, noise)
+    check_matches(n, outlier_ratio, noise)
+    n, noise = int(n), float(noise)
     generator = generator_of(rng)
     T = second_camera(generator)
     points1, points2d, depths = _seen_by_both(T, n, generator)
@@ -262,5 +265,7 @@ def _in_unit_ball(n: int, generator: np.random.Generator) -> Floats:
     return np.asarray(radii * directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def check_matches(n: int, outlier_ratio: float, noise: float) -> tuple[int, float, float]:
-    return check_count("n", n), check_share("outlier_ratio", outlier_ratio), check_not_negative("noise", noise)
+def check_matches(n: int, outlier_ratio: float, noise: float) -> None:
+    check_count("n", n)
+    check_share("outlier_ratio", outlier_ratio)
+    check_not_negative("noise", noise)

@@ -4,11 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from nonsac.checks import number, shown
+from nonsac.numeric import as_real, as_whole, shown
 
 Floats = NDArray[np.float64]
 Seed = int | np.random.Generator
-MOST = 1e100  # in the unit of the points: squares of what is larger overflow
 
 
 def random_rotation(rng: Seed) -> Floats:
@@ -40,20 +39,22 @@ def move(T: Floats, points: Floats) -> Floats:
 def generator_of(rng: Seed) -> np.random.Generator:
     if isinstance(rng, np.random.Generator):
         return rng
-    if isinstance(rng, bool) or not isinstance(rng, (int, np.integer)) or rng < 0:
+    seed = as_whole(rng)
+    if seed is None or seed < 0:
         raise TypeError(f"rng is {shown(rng)}; expected a whole number of at least 0 or a numpy.random.Generator")
-    return np.random.default_rng(rng)
+    return np.random.default_rng(seed)
 
 
-def check_count(name: str, value: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+def check_count(name: str, value: int) -> None:
+    if (as_whole(value) or 0) < 1:
         raise ValueError(f"{name} is {shown(value)}; expected a whole number of at least 1")
-    return int(value)
 
 
-def check_share(name: str, value: float) -> float:
-    return number(name, value, 0.0, 1.0, "a number from 0 to 1")
+def check_share(name: str, value: float) -> None:
+    if not 0.0 <= as_real(value) <= 1.0:
+        raise ValueError(f"{name} is {shown(value)}; expected a number from 0 to 1")
 
 
-def check_not_negative(name: str, value: float) -> float:
-    return number(name, value, 0.0, MOST, f"a number from 0 to {MOST:g}")
+def check_not_negative(name: str, value: float) -> None:
+    if not 0.0 <= as_real(value) < np.inf:
+        raise ValueError(f"{name} is {shown(value)}; expected a finite number of at least 0")

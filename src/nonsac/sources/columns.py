@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from nonsac.checks import iterable, shown
+from nonsac.checks import iterable
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.layouts import WEIGHT, Layout
+from nonsac.numeric import shown
 from nonsac.sources.contract import Source
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import listed, shown
+from nonsac.checks import listed
+from nonsac.numeric import shown
 from nonsac.sources.array import ArraySource
 from nonsac.sources.contract import About, Source
 from nonsac.sources.mapped import Map

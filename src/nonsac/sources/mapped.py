@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.checks import shown
+from nonsac.numeric import shown
 from nonsac.sources.contract import About, Source
 
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]

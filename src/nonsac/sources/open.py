@@ -11,7 +11,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.checks import file_name, listed, shown
+from nonsac.checks import file_name, listed
 from nonsac.files.arrays import Archive, as_rows, open_npz
 from nonsac.files.content import UTF16, content_kind, with_article
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
@@ -19,6 +19,7 @@ from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
 from nonsac.files.records import find_columns
 from nonsac.files.text import is_number, read_table
 from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
+from nonsac.numeric import shown
 from nonsac.sources.array import ArraySource
 from nonsac.sources.columns import arranged, place_of, unfit
 from nonsac.sources.contract import Source
