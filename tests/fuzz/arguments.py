@@ -25,6 +25,7 @@ from fuzz import judge
 from fuzz.folders import remove_files
 from nonsac import evaluation, plot, scoring, simulate
 from nonsac import io as nio
+from nonsac.files.errors import printable
 
 Arguments = dict[str, Any]
 
@@ -281,7 +282,7 @@ class CallCase:
             if _is_planted(error) or any(callable(self.arguments[name]) for name in self.call.foreign):
                 return None
             paths = (os.fspath(value) for value in self.arguments.values() if isinstance(value, (str, Path)))
-            words = (" ".join(path.split()) for path in paths if path)  # as messages show them
+            words = (printable(path) or "is a folder" for path in paths)
             names = (*self.call.valid(), *self.call.names, *words)
             return judge.judged(error, (ValueError, TypeError), names, hostile=False)
         return None

@@ -47,9 +47,9 @@ def relative_pose(
         Or `points1` alone: a source (see `nonsac.open_source`) with the columns x1 y1 x2 y2 and perhaps a weight, in
         this order; if it has columns of these names, they are picked by them.
     camera1, camera2 : camera, optional
-        A matrix K (3, 3), `(fx, fy, cx, cy)`, a COLMAP model string or dict, or a `Camera`; `camera2` is `camera1` if
-        it is left out. Nothing is shifted: points and cameras share one convention for the centres of pixels, (0, 0)
-        for the first one as in OpenCV or (0.5, 0.5) as in COLMAP.
+        A matrix K (3, 3), `(fx, fy, cx, cy)`, `(K, distortion)` as OpenCV has them, a COLMAP model string or dict, or
+        a `Camera`; `camera2` is `camera1` if it is left out. Nothing is shifted: points and cameras share one
+        convention for the centres of pixels, (0, 0) for the first one as in OpenCV or (0.5, 0.5) as in COLMAP.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit: the certainty of a dense matcher, say.
     noise : float, optional
@@ -112,8 +112,8 @@ def absolute_pose(
 
         Or `points2d` alone: a source with the columns u v X Y Z and perhaps a weight, as in `relative_pose`.
     camera : camera, optional
-        A matrix K (3, 3), `(fx, fy, cx, cy)`, a COLMAP model string or dict, or a `Camera`, with the same convention
-        for the centres of pixels as the points.
+        A matrix K (3, 3), `(fx, fy, cx, cy)`, `(K, distortion)` as OpenCV has them, a COLMAP model string or dict, or
+        a `Camera`, with the same convention for the centres of pixels as the points.
     weights : (n,) array, optional
         How much each match counts, not negative, in any unit.
     noise : float, optional

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.cameras.unreadable import check_readable
+from nonsac.cameras.unreadable import camera_or_error, check_readable
+from nonsac.checks import file_name, listed
 from nonsac.files.arrays import open_npz
 from nonsac.files.content import content_kind
 from nonsac.files.errors import FilePath, input_error
@@ -21,6 +23,7 @@ from nonsac.io.colmap_database import pair_of_database
 from nonsac.io.colmap_model import points_of_model
 from nonsac.io.correspondences import CameraDescription, Matches, PointMatches, Points
 from nonsac.io.hloc import read_hloc
+from nonsac.io.matchers import is_of_a_matcher, read_matcher
 from nonsac.layouts import MATCHES, PAIRS, POINTS, Layout
 from nonsac.sources import JoinedSource
 from nonsac.sources.contract import Source
@@ -89,8 +92,11 @@ def open_matches(
     InputError
         If a file cannot be read, is not what its name says, or lacks columns, images or rows.
     """
+    files, images = listed("files", files, "a sequence of paths"), listed("images", images, "names or numbers")
     if not files:
         raise ValueError("files must name at least one file")
+    for file in files:
+        file_name("files", file)
     first, named = files[0], [image for image in images if image is not None]
     if len(files) > 2:
         raise input_error(files[2], "is one file too many", "give one file, or two that belong together")
@@ -102,6 +108,9 @@ def open_matches(
         return _of_images(layout, first, named)
     if columns is None and dataset is None and not is_url(first):
         _refuse_collections(layout, first)
+        if layout == MATCHES and is_of_a_matcher(first, but_for=(*layout.keys, layout.names)):
+            opened = _of_arrays(read_matcher(first))
+            return replace(opened, cameras=_cameras_in(layout, first, may_count_from_0=True))
     source = open_source(first, layout=layout, columns=columns, dataset=dataset)
     if not len(source):
         raise input_error(first, "the file holds no matches", "export it again with its matches")
@@ -117,7 +126,8 @@ def read_matches(path: FilePath, image1: Image | None = None, image2: Image | No
         A table of matches, of any kind that `nonsac.open_source` knows, with the columns x1, y1, x2, y2 and perhaps
         weight, in any order, or with four or five columns without names. An NPZ file has the keys ``points1`` and
         ``points2``, or ``x1`` and ``x2``, or one array (n, 4) or (n, 5), and perhaps ``weights`` and the cameras
-        ``camera1`` and ``camera2``, or ``K1`` and ``K2``. Or a COLMAP database (.db).
+        ``camera1`` and ``camera2``, or ``K1`` and ``K2``; those of SuperGlue, LightGlue, LoFTR, RoMa and MASt3R have
+        the keys that these programs give. Or a COLMAP database (.db).
     image1, image2
         For a database, the names or numbers of the two images; not for a table.
 
@@ -262,7 +272,7 @@ def _refuse_collections(layout: Layout, path: FilePath) -> None:
         raise input_error(path, "this format is for one cloud, not for pairs", "give the target as the second file")
 
 
-def _cameras_in(layout: Layout, path: FilePath) -> tuple[CameraDescription | None, ...]:
+def _cameras_in(layout: Layout, path: FilePath, may_count_from_0: bool = False) -> tuple[CameraDescription | None, ...]:
     """The cameras of an archive, by their keys; None for those that it lacks."""
     nothing: tuple[CameraDescription | None, ...] = (None,) * len(layout.cameras)
     if not nothing or is_url(path) or is_folder(os.fspath(path)) or not os.path.isfile(path):
@@ -270,7 +280,9 @@ def _cameras_in(layout: Layout, path: FilePath) -> tuple[CameraDescription | Non
     if content_kind(read_head(os.fspath(path), _HEAD_LENGTH)) != "NumPy archive":
         return nothing
     with open_npz(path) as archive:
-        return tuple(_camera(archive, names) for names in layout.cameras)
+        from_0 = may_count_from_0 and not {"K0", "camera0"}.isdisjoint(archive.names)
+        keys = (("camera0", "K0"), ("camera1", "K1")) if from_0 else layout.cameras
+        return tuple(camera_or_error(partial(_camera, archive, names)) for names in keys)
 
 
 def _camera(archive: Any, names: Sequence[str]) -> CameraDescription | None:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import real_array
+from nonsac.checks import file_name, real_array
 from nonsac.files.atomic import write_atomically
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.text import EXACT, read_table
@@ -26,6 +26,7 @@ def write_transform(path: FilePath, transform: ArrayLike) -> None:
     InputError
         If shape or values do not fit, or the file cannot be written.
     """
+    file_name("path", path)
     matrix = _check(path, real_array("transform", transform))
     write_atomically(path, lambda temporary: np.savetxt(temporary, matrix, fmt=EXACT))
 
