@@ -41,6 +41,12 @@ def _taken_for_damage(path: Path) -> None:
         raise nonsac.InputError(f"{path}: is damaged; copy it again") from None
 
 
+def _unclean(path: Path) -> None:
+    error = nonsac.InputError("")
+    error.args = (f"{path}: \x1b[2J",)  # which its own constructor would have escaped
+    raise error
+
+
 def _warned(path: Path) -> None:
     warnings.warn("overflow", RuntimeWarning, stacklevel=2)
 
@@ -58,7 +64,7 @@ PLANTED: dict[str, Format] = {
     "undocumented": _format(lambda path: _raise(KeyError(str(path)))),
     "panic": _format(lambda path: _raise(BaseException(str(path)))),
     "nameless": _format(lambda path: _raise(nonsac.InputError("is damaged"))),
-    "control": _format(lambda path: _raise(nonsac.InputError(f"{path}: \x1b[2J"))),
+    "control": _format(_unclean),
     "wrong": _format(lambda path: _raise(AssertionError("take and chunks differ"))),
     "warning": _format(_warned),
     "late": _format(_ignored_in_a_destructor),

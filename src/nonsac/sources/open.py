@@ -91,7 +91,7 @@ def _check_types(path: Any, layout: Any, columns: Any, dataset: Any) -> None:
         file_name("path", name)
     if layout is not None and not isinstance(layout, (str, Layout)):
         raise TypeError(f'layout must be a nonsac.Layout or a string such as "x1 y1 | x2 y2", got {shown(layout)}')
-    if columns is not None and not isinstance(columns, Sequence) and not isinstance(columns, np.ndarray):
+    if columns is not None and not isinstance(columns, Sequence) and not np.ndim(columns):
         raise TypeError(f"columns must be a sequence of positions or names, got {shown(columns)}")
     if dataset is not None and not isinstance(dataset, str):
         raise TypeError(f"dataset must be the name of an array, got {shown(dataset)}")
