@@ -36,6 +36,9 @@ _DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--seed", type=int, default=0, help="varies the random numbers of all tests (default 0)")
+    parser.addoption(
+        "--fuzz", type=int, default=0, help="damaged files and odd arguments to try (default: some thousand)"
+    )
 
 
 @pytest.fixture

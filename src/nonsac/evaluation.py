@@ -1,14 +1,15 @@
 """Error measures against a known ground truth: the ones the paper reports."""
 
-import operator
-
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nonsac.checks import real_array, whole_number
 from nonsac.layouts import Array
 from nonsac.problems.pose import rotation_distance
 
 __all__ = ["mean_average_accuracy", "rotation_error", "translation_error"]
+
+_MOST = 1.5  # no entry of a rotation, or of what passes for one, is larger
 
 
 def rotation_error(A: ArrayLike, B: ArrayLike) -> Array:
@@ -33,6 +34,7 @@ def rotation_error(A: ArrayLike, B: ArrayLike) -> Array:
         If the last two axes are not 3 x 3, or a finite matrix is not a rotation (a scaled one, for instance).
     """
     first, second = _rotations("A", A), _rotations("B", B)
+    _check_broadcast(first.shape[:-2], second.shape[:-2])
     return np.asarray(rotation_distance(first, second))[()]
 
 
@@ -54,11 +56,13 @@ def translation_error(A: ArrayLike, B: ArrayLike) -> Array:
     ValueError
         If the last axis does not have three entries.
     """
-    first, second = (np.asarray(value, dtype=np.float64) for value in (A, B))
+    first, second = real_array("A", A), real_array("B", B)
     for name, value in (("A", first), ("B", second)):
         if value.ndim < 1 or value.shape[-1] != 3:
             raise ValueError(f"{name} has shape {value.shape}; expected translations of shape (..., 3)")
-    return np.asarray(np.linalg.norm(first - second, axis=-1))[()]
+    _check_broadcast(first.shape[:-1], second.shape[:-1])
+    with np.errstate(all="ignore"):  # too far apart is infinitely far
+        return np.asarray(np.linalg.norm(first - second, axis=-1))[()]
 
 
 def mean_average_accuracy(errors: ArrayLike, maximum: int = 10) -> float:
@@ -82,26 +86,32 @@ def mean_average_accuracy(errors: ArrayLike, maximum: int = 10) -> float:
     Raises
     ------
     ValueError
-        If there are no errors, one is negative, or `maximum` is below 1.
+        If there are no errors, one is negative, or `maximum` is not from 1 to 180.
     TypeError
         If `maximum` is not an integer.
     """
-    values = np.asarray(errors, dtype=np.float64).ravel()
-    maximum = operator.index(maximum)
+    values, maximum = real_array("errors", errors).ravel(), whole_number("maximum", maximum, 1, 180)
     if values.size == 0:
         raise ValueError("errors is empty; expected at least one error in degrees")
     if (values < 0).any():
         raise ValueError(f"errors holds {values[values < 0][0]}; expected degrees of at least 0")
-    if maximum < 1:
-        raise ValueError(f"maximum is {maximum}; expected a whole number of degrees of at least 1")
     thresholds = np.arange(1, maximum + 1)
     return float(np.count_nonzero(values < thresholds[:, None]) / (maximum * values.size))
 
 
+def _check_broadcast(first: tuple[int, ...], second: tuple[int, ...]) -> None:
+    try:
+        np.broadcast_shapes(first, second)
+    except ValueError:
+        raise ValueError(f"A and B have leading axes {first} and {second}; expected equal ones, or one of 1") from None
+
+
 def _rotations(name: str, value: ArrayLike) -> Array:
-    matrices = np.asarray(value, dtype=np.float64)
+    matrices = real_array(name, value)
     if matrices.shape[-2:] != (3, 3):
         raise ValueError(f"{name} has shape {matrices.shape}; expected rotations of shape (..., 3, 3)")
+    if (np.abs(matrices) > _MOST).any():
+        raise ValueError(f"{name} holds a matrix that is not a rotation; expected R R^T = I and det R = 1")
     # Loose enough for float32 and hand-written matrices; NaN, a failed estimate, passes both comparisons.
     skewed = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)) > 1e-3
     mirrored = (np.cross(matrices[..., 0, :], matrices[..., 1, :]) * matrices[..., 2, :]).sum(axis=-1) < 0

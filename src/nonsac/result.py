@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.checks import real_array
 from nonsac.layouts import Array, Rows
 from nonsac.quiet import quiet
 
@@ -356,7 +357,11 @@ class Result:
 
     def apply(self, points: Array) -> Array:
         """Map source points (n, 3) into the target frame."""
-        return np.asarray(points, np.float64) @ self.T[:3, :3].T + self.T[:3, 3]
+        rows = real_array("points", points)
+        if rows.ndim != 2 or rows.shape[1] != 3:
+            raise ValueError(f"points has shape {rows.shape}; expected (n, 3)")
+        with np.errstate(all="ignore"):
+            return rows @ self.T[:3, :3].T + self.T[:3, 3]
 
     def raise_if_failed(self) -> Result:
         """Return the result itself, or raise `FailedEstimation` if it is not to be trusted."""

@@ -15,7 +15,9 @@ import numpy as np
 
 from nonsac.calls.registry import CALLS, Call
 from nonsac.cameras.unreadable import chosen_cameras
+from nonsac.checks import iterable
 from nonsac.files.content import may_end_process
+from nonsac.numeric import shown
 from nonsac.result import Result
 from nonsac.running.executors import Workers, parsed, waited_for, width_of
 from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses, can_spawn
@@ -141,6 +143,9 @@ def estimate_many(
     ValueError, TypeError
         If `workers` is not as above, or something else than a job comes.
     """
+    iterable("jobs", jobs, "an iterable of objects of nonsac.Job")
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress must be a function of (done, total), or None, got {shown(progress)}")
     pool = parsed(workers)  # at once, and not when the first outcome is asked for
     total = len(jobs) if isinstance(jobs, Sized) else None
     return _counted(run_many(_Run(time_limit), jobs, pool), total, progress)

@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.arraylike import as_array
 from nonsac.cameras.lens import Complex, Lens
 from nonsac.cameras.lenses import lens_of
 from nonsac.cameras.models import checked_parameters, parameter_names
 from nonsac.cameras.parse import camera_fields
 from nonsac.cameras.unreadable import check_readable
+from nonsac.checks import real_array
 from nonsac.layouts import Array
+from nonsac.numeric import as_real, shown
 
 __all__ = ["Camera", "CameraLike"]
 
@@ -160,7 +161,7 @@ CameraLike = Camera | ArrayLike | str | Mapping[str, Any]
 
 
 def _as_complex(name: str, points: ArrayLike) -> Complex:
-    rows = np.asarray(as_array(points, name), dtype=np.float64, order="C")
+    rows = np.ascontiguousarray(real_array(name, points))
     if rows.ndim != 2 or rows.shape[1] != 2:
         raise ValueError(f"{name} has shape {rows.shape}; expected (n, 2), a row for each point")
     return rows.view(np.complex128)[:, 0]
@@ -184,8 +185,9 @@ def _scale(points: Array, x: float, y: float) -> None:
 
 
 def _checked_size(name: str, size: Any) -> int | None:
-    if size is None or size in (0, -1):
+    pixels = as_real(size)
+    if size is None or pixels in (0.0, -1.0):
         return None
-    if not (isinstance(size, (int, float, np.integer)) and size > 0 and float(size).is_integer()):
-        raise ValueError(f"{name} is {size!r}; expected a whole number of pixels, or None for an unknown one")
-    return int(size)
+    if not (0.0 < pixels < np.inf and pixels.is_integer()):
+        raise ValueError(f"{name} is {shown(size)}; expected a whole number of pixels, or None for an unknown one")
+    return int(pixels)

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.checks import real_array
 from nonsac.files.errors import FilePath, input_error
+from nonsac.numeric import shown
 
 # What COLMAP's models have as parameters, by its own numbers and names.
 _MODELS = {
@@ -124,9 +126,9 @@ def checked_parameters(model: str, params: ArrayLike) -> tuple[float, ...]:
     names = parameter_names(model)
     expected = f"expected {len(names)} for {model}: {', '.join(names)}"
     try:
-        numbers = np.asarray(params, dtype=np.float64)
+        numbers = real_array("params", params)
     except (TypeError, ValueError):
-        raise TypeError(f"params is {params!r}, which is not numbers; {expected}") from None
+        raise TypeError(f"params is {shown(params)}, which is not numbers; {expected}") from None
     if numbers.shape != (len(names),):
         raise ValueError(f"params holds {numbers.size} numbers in shape {numbers.shape}; {expected}")
     for name, number in zip(names, numbers, strict=True):

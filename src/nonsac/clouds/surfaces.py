@@ -23,6 +23,10 @@ _FEWEST_POINTS = 100
 _MAX_CELLS = 2e7
 
 
+def _cells(points: Array, margin: float, cell: float) -> float:
+    return float(np.prod(np.ceil((np.ptp(points, axis=0) + 2.0 * margin) / cell)))
+
+
 @dataclass(frozen=True, eq=False)
 class NearestField:
     """A grid of nearest points around a cloud; see `nonsac.kernels.nearest_field`."""
@@ -40,6 +44,8 @@ class NearestField:
         margin = reach + cell
         volume = float(np.prod(np.ptp(points, axis=0) + 2.0 * margin))
         cell = max(cell, (volume / _MAX_CELLS) ** (1.0 / 3.0))
+        while (cells := _cells(points, reach + cell, cell)) > 2.0 * _MAX_CELLS:  # a long, thin cloud
+            cell *= (cells / _MAX_CELLS) ** (1.0 / 3.0)
         margin = reach + cell
         corner = points.min(axis=0) - margin
         shape = tuple(int(c) for c in np.ceil((points.max(axis=0) + margin - corner) / cell))

@@ -89,7 +89,7 @@ def find_places(names: Sequence[str], wanted: Sequence[str], split: int | None =
     candidates = [held.of(word) for word in wanted]
     for word, found in zip(wanted, candidates, strict=True):
         if len(found) > 1:
-            raise ValueError(f"several columns could be {word} ({shown([names[place] for place in found], ', ')})")
+            raise ValueError(f"several columns could be {word} ({listing([names[place] for place in found], ', ')})")
     places: list[int | None] = [found[0] if found else None for found in candidates]
     if None in places:
         places = _by_usual_names(held, names, wanted) or places
@@ -114,7 +114,7 @@ def is_wanted_anywhere(name: str) -> bool:
     return _word(name) in _COORDINATES | {"weight", "weights"}
 
 
-def shown(names: Sequence[str], separator: str = " ") -> str:
+def listing(names: Sequence[str], separator: str = " ") -> str:
     """Names for a message, of which some are left out if there are many."""
     some = separator.join(name[:_LETTERS_SHOWN] for name in names[:_NAMES_SHOWN])
     return some if len(names) <= _NAMES_SHOWN else f"{some} and {len(names) - _NAMES_SHOWN} more"
@@ -133,7 +133,7 @@ def _by_usual_names(held: _Places, names: Sequence[str], wanted: Sequence[str]) 
         if all(len(each) == 1 for each in found) and len({each[0] for each in found}) == len(found):
             fitting[tuple(each[0] for each in found)] = None
     if len(fitting) > 1:
-        sets = " or ".join(shown([names[place] for place in places]) for places in fitting)
+        sets = " or ".join(listing([names[place] for place in places]) for places in fitting)
         raise ValueError(f"several columns could be {' '.join(wanted)} ({sets})")
     return list(next(iter(fitting))) if fitting else None
 

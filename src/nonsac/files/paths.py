@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from nonsac.checks import file_name
 from nonsac.files.content import check_regular, unreadable
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing
 
@@ -170,7 +171,7 @@ def choose_by_suffix(path: FilePath, choices: dict[str, Choice]) -> Choice:
     InputError
         If the path is a folder, or no choice has its suffix.
     """
-    suffix = Path(path).suffix.lower()
+    suffix = Path(file_name("path", path)).suffix.lower()
     if suffix in choices:
         return choices[suffix]
     if os.path.isdir(path):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.arraylike import as_array
 from nonsac.files.arrays import as_rows, load_npy, load_npz
 from nonsac.files.atomic import write_atomically
 from nonsac.files.errors import FilePath, input_error
@@ -68,7 +69,7 @@ def write_cloud(path: FilePath, points: ArrayLike) -> None:
         If the suffix is unknown, the points have another shape or type, or the file cannot be written.
     """
     write = choose_by_suffix(path, WRITERS)
-    rows = as_rows(path, np.asarray(points), 3)
+    rows = as_rows(path, as_array(points, "points"), 3)
     write_atomically(path, lambda temporary: write(temporary, rows))
 
 

@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.arraylike import as_array
 from nonsac.cameras.models import camera_dict, model_name, pinhole_matrix
 from nonsac.cameras.unreadable import camera_or_error, check_readable
+from nonsac.checks import real_array
 from nonsac.files.claims import size_of
 from nonsac.files.content import check_kind
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.io.correspondences import Matches, Points
+from nonsac.numeric import as_whole, shown
 
 # A constant of COLMAP: there can be no more images than this.
 _MAX_IMAGES = 2147483647
@@ -104,6 +107,11 @@ def write_two_view_geometry(
         If the pose or the matches do not fit, a camera has no focal length, or the file cannot be written, is no
         database of COLMAP, is locked or damaged, or does not hold the images.
     """
+    for name, image in (("image1", image1), ("image2", image2)):
+        if not isinstance(image, str) and not 0 <= (as_whole(image) or 0) <= _MAX_IMAGES:
+            raise ValueError(f"{name} is {shown(image)}; expected the name or the number of an image")
+        if not isinstance(image, str) and as_whole(image) is None:
+            raise TypeError(f"{name} is {shown(image)}; expected the name or the number of an image")
     rotation, translation = _check_pose(path, transform)
     inliers = _check_inliers(path, matches)
     with _open(path, write=True) as database:
@@ -200,9 +208,9 @@ def _pair_id(numbers: Sequence[int]) -> int:
 
 def _check_pose(path: FilePath, transform: ArrayLike | tuple[ArrayLike, ArrayLike]) -> tuple[Points, Points]:
     if isinstance(transform, tuple) and len(transform) == 2:
-        rotation, translation = (np.asarray(part, dtype=np.float64) for part in transform)
+        rotation, translation = (real_array("transform", part) for part in transform)
     else:
-        matrix = np.asarray(transform, dtype=np.float64)
+        matrix = real_array("transform", transform)
         if matrix.shape not in ((4, 4), (3, 4)):
             problem = f"a pose has the shape (4, 4) or (3, 4), this array has the shape {matrix.shape}"
             raise input_error(path, problem, "give the T of a result")
@@ -212,7 +220,11 @@ def _check_pose(path: FilePath, transform: ArrayLike | tuple[ArrayLike, ArrayLik
         problem = f"rotation and translation have the shapes {rotation.shape} and {translation.shape}"
         raise input_error(path, problem, "give the R and t of a result")
     # A failed result has a T of NaN, which must not pass.
-    if not (np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-6 and np.linalg.det(rotation) > 0):
+    if not (
+        np.abs(rotation).max() <= 2
+        and np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-6
+        and np.linalg.det(rotation) > 0
+    ):
         raise input_error(path, "the pose holds no rotation", "write the poses only of results that succeeded")
     if not (np.isfinite(translation).all() and translation.any()):
         problem = "the translation is zero or not finite, so that there is no essential matrix"
@@ -221,7 +233,7 @@ def _check_pose(path: FilePath, transform: ArrayLike | tuple[ArrayLike, ArrayLik
 
 
 def _check_inliers(path: FilePath, matches: ArrayLike) -> NDArray[np.int64]:
-    inliers = np.asarray(matches)
+    inliers = as_array(matches, "matches", "indices of keypoints (k, 2)")
     if inliers.ndim != 2 or inliers.shape[1] != 2 or inliers.dtype.kind not in "iu" or inliers.min(initial=0) < 0:
         problem = f"the matches are no indices of keypoints of shape (k, 2), but {inliers.dtype} of {inliers.shape}"
         raise input_error(path, problem, "give the rows of Matches.indices that are inliers")

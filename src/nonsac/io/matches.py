@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.cameras.unreadable import camera_or_error, check_readable
+from nonsac.checks import file_name, listed
 from nonsac.files.arrays import open_npz
 from nonsac.files.content import content_kind
 from nonsac.files.errors import FilePath, input_error
@@ -91,8 +92,11 @@ def open_matches(
     InputError
         If a file cannot be read, is not what its name says, or lacks columns, images or rows.
     """
+    files, images = listed("files", files, "a sequence of paths"), listed("images", images, "names or numbers")
     if not files:
         raise ValueError("files must name at least one file")
+    for file in files:
+        file_name("files", file)
     first, named = files[0], [image for image in images if image is not None]
     if len(files) > 2:
         raise input_error(files[2], "is one file too many", "give one file, or two that belong together")

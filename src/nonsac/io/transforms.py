@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.checks import file_name, real_array
 from nonsac.files.atomic import write_atomically
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.text import EXACT, read_table
@@ -25,7 +26,8 @@ def write_transform(path: FilePath, transform: ArrayLike) -> None:
     InputError
         If shape or values do not fit, or the file cannot be written.
     """
-    matrix = _check(path, np.asarray(transform, dtype=np.float64))
+    file_name("path", path)
+    matrix = _check(path, real_array("transform", transform))
     write_atomically(path, lambda temporary: np.savetxt(temporary, matrix, fmt=EXACT))
 
 

@@ -1,12 +1,16 @@
 """Matches of dense matchers, such as RoMa and DKM, from their warps."""
 
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nonsac.arraylike import as_array
+from nonsac.checks import real_array
 from nonsac.io.correspondences import Matches, Points
+from nonsac.numeric import shown
+from nonsac.seeds import canonical_seed
 
 
 def from_warp(
@@ -51,8 +55,8 @@ def from_warp(
         raise ValueError(f"warp has shape {flow.shape}; expected (H, W, 4) or (H, W, 2), of one pair of images")
     if trust.shape != flow.shape[:2]:
         raise ValueError(f"certainty has shape {trust.shape}; expected {flow.shape[:2]}, as warp has")
-    if count is not None and count < 1:
-        raise ValueError(f"count is {count}; expected at least 1, or None for all matches")
+    if count is not None and (not isinstance(count, Integral) or isinstance(count, bool) or int(count) < 1):
+        raise ValueError(f"count is {shown(count)}; expected at least 1, or None for all matches")
     if flow.shape[2] == 2:
         flow = np.concatenate([_pixel_grid(*trust.shape), flow], axis=2)
     certain = trust > 0
@@ -61,16 +65,22 @@ def from_warp(
     if count is None or count >= len(rows):
         return Matches(points1, points2, weights)
     # The smallest of exponential times, each with its certainty as the rate, are such a draw.
-    times = np.random.default_rng(rng).standard_exponential(len(rows)) / weights
+    with np.errstate(all="ignore"):  # what is next to impossible waits for ever
+        times = _generator(rng).standard_exponential(len(rows)) / weights
     drawn = np.sort(np.argpartition(times, count - 1)[:count])
     return Matches(points1[drawn], points2[drawn])
+
+
+def _generator(rng: int | np.random.Generator | None) -> np.random.Generator:
+    return rng if isinstance(rng, np.random.Generator) else np.random.default_rng(canonical_seed(rng))
 
 
 def _array(name: str, values: Any) -> Points:
     array = as_array(values, name)
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name} has the type {array.dtype}; expected real numbers")
-    return array.astype(np.float64)
+    with np.errstate(all="ignore"):
+        return array.astype(np.float64)
 
 
 def _pixel_grid(height: int, width: int) -> Points:
@@ -80,6 +90,8 @@ def _pixel_grid(height: int, width: int) -> Points:
 
 
 def _to_pixels(name: str, size: tuple[int, int], points: Points) -> Points:
-    if len(size) != 2 or not min(size) > 0:
-        raise ValueError(f"{name} is {size}; expected the width and height of the image in pixels")
-    return (points + 1) * (np.asarray(size) / 2) - 0.5
+    extent = real_array(name, size, "a width and a height")
+    if extent.shape != (2,) or not ((extent > 0) & (extent < np.inf)).all():
+        raise ValueError(f"{name} is {shown(size)}; expected the width and height of the image in pixels")
+    with np.errstate(all="ignore"):
+        return (points + 1) * (extent / 2) - 0.5

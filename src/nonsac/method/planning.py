@@ -96,6 +96,8 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
         if not 1 <= (as_whole(value) or 0) <= 2**53:
             raise ValueError(f"{name} must be a positive integer, got {shown(value)}")
     samples, sample_size = int(samples), int(sample_size)
+    if not isinstance(source, Source):
+        raise TypeError(f"source must be a source of rows, got {shown(source)}; see nonsac.open_source")
     rows = len(source)
     read = min(rows, max(_ROWS_OF_THE_LAST_FIT, samples * sample_size))
     bytes_read, bytes_of_all = source.bytes_to_take(read), source.bytes_to_take(rows)

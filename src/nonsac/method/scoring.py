@@ -220,7 +220,7 @@ def paper_rules() -> tuple[ScoringRule, ...]:
 def by_name(name: object) -> ScoringRule:
     """The rule with this name in files and on the command line: `most_inliers`, `pair_0.1`, `tlp_0.1`, ..."""
     for rule in (*paper_rules(), FixedSample()):
-        if rule.name == name:
+        if isinstance(name, str) and rule.name == name:
             return rule
     kind, _, exponent = str(name).partition("_")
     if kind in ("pair", "tlp"):

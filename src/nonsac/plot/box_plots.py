@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.checks import number, real_array
+from nonsac.numeric import shown
 from nonsac.plot.figures import BLUE, INK, ORANGE, new_figure, picture_suffix, write, write_text
 
 if TYPE_CHECKING:
@@ -55,8 +57,9 @@ def boxplot(
         If matplotlib is missing.
     """
     suffix = picture_suffix(path)
-    published = dict(paper or {})
-    unknown = sorted(set(published) - set(errors) - set(times))
+    given = _mapping("paper", paper or {}).items()
+    published = {key: number(f"paper[{key!r}]", value, 0.0, 1e30, "a number of at least 0") for key, value in given}
+    unknown = sorted(set(published) - set(_mapping("errors", errors)) - set(_mapping("times", times)))
     if unknown:
         raise ValueError(f"paper has the key {unknown[0]!r}; expected only keys of errors or times")
     angles = {rule: _drawable_angles(values) for rule, values in _samples("errors", errors)}
@@ -74,8 +77,14 @@ def boxplot(
     write(path, figure, suffix)
 
 
+def _mapping(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
+        raise TypeError(f"{name} is {shown(values)}; expected a dict from names to numbers")
+    return values
+
+
 def _samples(name: str, values: Mapping[str, ArrayLike]) -> list[tuple[str, Floats]]:
-    samples = [(key, np.asarray(value, dtype=np.float64).ravel()) for key, value in values.items()]
+    samples = [(key, real_array(f"{name}[{key!r}]", value).ravel()) for key, value in _mapping(name, values).items()]
     if not samples:
         raise ValueError(f"{name} is empty; expected at least one entry")
     for key, sample in samples:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.checks import real_array
 from nonsac.plot.figures import new_figure, write_text
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def read_pair(
 
 
 def read_points(name: str, points: ArrayLike, count: int | None = None) -> Floats:
-    array = np.asarray(points, dtype=np.float64)
+    array = real_array(name, points)
     if array.ndim != 2 or array.shape[1] != 2 or count not in (None, len(array)):
         raise ValueError(f"{name} has shape {array.shape}; expected ({'n' if count is None else count}, 2)")
     return array
@@ -98,7 +99,8 @@ def read_view(size_name: str, size: ArrayLike | None, image_name: str, image: Im
     pixels = None if image is None else _pale(image_name, image)
     if size is None and pixels is None:
         return _bounding_box(points)
-    extent = np.asarray(pixels.shape[1::-1] if size is None and pixels is not None else size, dtype=np.float64)
+    given = pixels.shape[1::-1] if size is None and pixels is not None else size
+    extent = real_array(size_name, given, "a width and a height")
     if extent.shape != (2,) or not (np.isfinite(extent).all() and (extent > 0).all()):
         raise ValueError(f"{size_name} is {size!r}; expected a width and a height above 0")
     return View(np.full(2, -0.5), extent, pixels, " px")

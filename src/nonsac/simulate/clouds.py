@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nonsac.checks import real_array
 from nonsac.simulate.motions import (
     Floats,
     Seed,
@@ -85,7 +86,7 @@ def cloud_pair(cloud: ArrayLike, rng: Seed, points: int = 500, overlap: float = 
 
 
 def _fit_unit_cube(cloud: ArrayLike) -> Floats:
-    points = np.asarray(cloud, dtype=np.float64)
+    points = real_array("cloud", cloud)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"cloud has shape {points.shape}; expected (k, 3)")
     if not np.isfinite(points).all():

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.arraylike import as_array
+from nonsac.checks import listed
 from nonsac.sources.columns import names_of_table
 from nonsac.sources.contract import About, Source
 
@@ -40,7 +41,11 @@ class ArraySource(Source):
             raise TypeError(f"rows must be an array of real numbers, got dtype {self.rows.dtype}")
         self._backing = _Backing.of(self.rows)
         self.width = int(self.rows.shape[1])
-        self.names = None if names is None else tuple(names)
+        self.names = (
+            None
+            if names is None
+            else tuple(names if isinstance(names, str) else listed("names", names, "one for each column"))
+        )
         if self.names is not None and len(self.names) != self.width:
             raise ValueError(f"names must have one for each of {self.width} columns, got {len(self.names)}")
 

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from nonsac.files.column_names import find_places, shown
+from nonsac.checks import iterable
+from nonsac.files.column_names import find_places, listing
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.layouts import WEIGHT, Layout
+from nonsac.numeric import shown
 from nonsac.sources.contract import Source
 
 
@@ -38,7 +40,8 @@ def choose_columns(
         return list(range(width))
     if isinstance(columns, str):
         raise TypeError(f"columns must be a sequence of positions or names, got {columns!r}")
-    chosen = [_position(path, column, width, names) for column in columns]
+    given = iterable("columns", columns, "a sequence of positions or names")
+    chosen = [_position(path, column, width, names) for column in given]
     if not chosen:
         raise input_error(path, "none of its columns is asked for", "leave columns out to read all of them")
     return chosen
@@ -59,7 +62,10 @@ def _position(path: FilePath, column: Any, width: int, names: Sequence[str] | No
 
 def real_dtype(path: FilePath, dtype: DTypeLike, what: str = "numbers") -> np.dtype[Any]:
     """The dtype, if it is one of real numbers."""
-    kind = np.dtype(dtype)
+    try:
+        kind = np.dtype(dtype)
+    except (TypeError, ValueError, AttributeError, SyntaxError):
+        raise TypeError(f"dtype must be a type of numbers, such as '<f8', got {shown(dtype)}") from None
     if kind.kind not in "fiu":
         raise input_error(path, f"holds {what} of type {kind}", "give real numbers, integers or floating-point")
     return kind
@@ -121,7 +127,7 @@ def places_in(names: Sequence[str], layout: Layout) -> list[int]:
     ValueError
         If some are missing, or if several could be meant; the message says which, and what names there are.
     """
-    held, wanted = f"rows of {len(names)} columns ({shown(names)})", " ".join(layout.names)
+    held, wanted = f"rows of {len(names)} columns ({listing(names)})", " ".join(layout.names)
     fix = f"rename the columns, or choose them, by name or position (columns=, --columns), in the order of {wanted}"
     try:
         places, weight = find_places(names, layout.names, layout.split), find_places(names, [WEIGHT])

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.checks import listed
+from nonsac.numeric import shown
 from nonsac.sources.array import ArraySource
 from nonsac.sources.contract import About, Source
 from nonsac.sources.mapped import Map
@@ -26,8 +28,13 @@ class JoinedSource(Source):
     """
 
     def __init__(self, arrays: Sequence[ArrayLike], maps: Sequence[Map | None] | None = None) -> None:
-        self.parts = [ArraySource(array) for array in arrays]
-        self.maps = list(maps) if maps is not None else [None] * len(self.parts)
+        self.parts = [ArraySource(array) for array in listed("arrays", arrays, "a sequence of arrays (n, d)")]
+        self.maps = (
+            [None] * len(self.parts) if maps is None else listed("maps", maps, "a sequence of functions or None")
+        )
+        for move in self.maps:
+            if move is not None and not callable(move):
+                raise TypeError(f"maps must hold functions or None, got {shown(move)}")
         if not self.parts:
             raise ValueError("arrays must hold at least one array")
         if len(self.maps) != len(self.parts):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.numeric import shown
 from nonsac.sources.contract import About, Source
 
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -26,6 +27,10 @@ class MappedSource(Source):
     """
 
     def __init__(self, source: Source, map: Map) -> None:
+        if not isinstance(source, Source):
+            raise TypeError(f"source must be a source of rows, got {shown(source)}")
+        if not callable(map):
+            raise TypeError(f"map must be a function of rows, got {shown(map)}")
         self.source, self.map = source, map
 
     @property

@@ -11,14 +11,16 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.checks import file_name, listed
 from nonsac.files.arrays import Archive, as_rows, open_npz
-from nonsac.files.column_names import is_wanted_anywhere, place_of, shown
+from nonsac.files.column_names import is_wanted_anywhere, listing, place_of
 from nonsac.files.content import UTF16, check_regular, content_kind, with_article
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
 from nonsac.files.pipes import is_stream
 from nonsac.files.text import is_number, read_table
 from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
+from nonsac.numeric import shown
 from nonsac.sources.array import ArraySource
 from nonsac.sources.columns import arranged, places_in, unfit
 from nonsac.sources.contract import Source
@@ -70,6 +72,9 @@ def open_source(
     InputError
         If there is no such file, its kind is unknown or unfit, or it lacks what was asked for.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        path = listed("path", path, "a path, or several")
+    _check_types(path, layout, columns, dataset)
     asked = _Asked(_layout_of(layout) if isinstance(layout, str) else layout, columns, dataset)
     _check_chosen(asked)
     source = _opened(path, asked)
@@ -80,6 +85,17 @@ def open_source(
     except ValueError as error:
         name = path if isinstance(path, (str, os.PathLike)) else next(iter(path))
         raise InputError(f"{name}: {error}") from None
+
+
+def _check_types(path: Any, layout: Any, columns: Any, dataset: Any) -> None:
+    for name in [path] if isinstance(path, (str, os.PathLike)) else path:
+        file_name("path", name)
+    if layout is not None and not isinstance(layout, (str, Layout)):
+        raise TypeError(f'layout must be a nonsac.Layout or a string such as "x1 y1 | x2 y2", got {shown(layout)}')
+    if columns is not None and not isinstance(columns, Sequence) and not np.ndim(columns):
+        raise TypeError(f"columns must be a sequence of positions or names, got {shown(columns)}")
+    if dataset is not None and not isinstance(dataset, str):
+        raise TypeError(f"dataset must be the name of an array, got {shown(dataset)}")
 
 
 def _check_chosen(asked: _Asked) -> None:
@@ -377,7 +393,7 @@ def _columns_of(path: str, names: Sequence[str] | None, width: int, columns: Seq
 def _place(path: str, names: Sequence[str], column: str) -> int:
     place = place_of(column, names)
     if place is None:
-        problem = f"the header names no {column}, or several (it names {shown(names, ', ')})"
+        problem = f"the header names no {column}, or several (it names {listing(names, ', ')})"
         raise input_error(path, problem, "check the names, or give positions, from 0")
     return place
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from numpy.typing import DTypeLike
 
+from nonsac.checks import whole_number
 from nonsac.files.claims import check_width
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.positioned import PositionedFile
 from nonsac.sources.columns import real_dtype
 from nonsac.sources.records import Records, RecordSource, number_columns
+
+_MOST = 2**62
 
 
 class RawSource(RecordSource):
@@ -37,6 +40,8 @@ class RawSource(RecordSource):
     def __init__(
         self, path: FilePath, dtype: DTypeLike, width: int, *, offset: int = 0, rows: int | None = None
     ) -> None:
+        width, offset = whole_number("width", width, -_MOST, _MOST), whole_number("offset", offset, -_MOST, _MOST)
+        rows = None if rows is None else whole_number("rows", rows, -_MOST, _MOST)
         if width < 1 or offset < 0 or (rows is not None and rows < 0):
             raise ValueError(f"width must be positive, offset and rows not negative; got {width}, {offset} and {rows}")
         file = PositionedFile(path)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nonsac.checks import iterable
 from nonsac.seeds import canonical_seed
 from nonsac.sources.array import ArraySource
 
@@ -97,7 +98,7 @@ class _Reservoir:
 
 def _checked(chunks: Iterable[ArrayLike]) -> Iterator[ArraySource]:
     width, names = None, None
-    for number, chunk in enumerate(chunks):
+    for number, chunk in enumerate(iterable("chunks", chunks, "an iterable of arrays (k, D)")):
         try:
             checked = ArraySource(chunk)
         except (TypeError, ValueError) as error:
