@@ -2,7 +2,7 @@
 
 import pytest
 
-from nonsac.files.column_names import find_places, is_usual, place_of, shown
+from nonsac.files.column_names import find_places, is_usual, listing, place_of
 from nonsac.layouts import MATCHES, PAIRS, POINTS
 
 XYZ = ("x", "y", "z")
@@ -109,5 +109,5 @@ def test_names_are_told_from_remarks(line, usual):
 
 
 def test_many_and_long_names_are_cut():
-    assert shown(["a" * 1000, "b"]) == "a" * 40 + " b"
-    assert shown([str(number) for number in range(25)], ", ").endswith("18, 19 and 5 more")
+    assert listing(["a" * 1000, "b"]) == "a" * 40 + " b"
+    assert listing([str(number) for number in range(25)], ", ").endswith("18, 19 and 5 more")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.files.column_names import find_places, shown
+from nonsac.files.column_names import find_places, listing
 from nonsac.files.errors import FilePath, InputError, input_error
 
 _NAME_THEM = "name the coordinates x, y and z"
@@ -27,7 +27,7 @@ def find_axes(path: FilePath, names: Sequence[str]) -> list[int]:
     found = [place for place in places if place is not None]
     if len(found) < len(places):
         missing = ", ".join(axis for axis, place in zip("xyz", places, strict=True) if place is None)
-        held = shown(names, ", ") or "nothing"
+        held = listing(names, ", ") or "nothing"
         raise input_error(path, f"the header names no {missing} (it names {held})", _NAME_THEM)
     return found
 
