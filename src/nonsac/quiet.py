@@ -5,6 +5,7 @@ from functools import wraps
 from typing import ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
@@ -19,3 +20,9 @@ def quiet(function: Callable[Arguments, Value]) -> Callable[Arguments, Value]:
             return function(*args, **kwargs)
 
     return quietly
+
+
+@quiet
+def as_doubles(numbers: ArrayLike) -> NDArray[np.float64]:
+    """A fresh, writable, C-order float64 array; files hold any bits, some of which are numbers that NumPy warns of."""
+    return np.array(numbers, np.float64, order="C")

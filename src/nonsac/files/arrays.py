@@ -18,6 +18,7 @@ from nonsac.files.content import check_kind, read_content
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.npy import HEAD_LENGTH, NpyHeader, parse_npy_header, read_npy_head
 from nonsac.files.positioned import PositionedFile
+from nonsac.quiet import as_doubles
 
 
 def load_npy(path: FilePath) -> NDArray[Any]:
@@ -173,7 +174,7 @@ def as_rows(path: FilePath, array: NDArray[Any], width: int) -> NDArray[np.float
     if array.dtype.kind not in "iuf":
         raise input_error(path, f"holds an array of type {array.dtype}", "save plain numbers")
     if array.shape[1:] == (width,):
-        return np.ascontiguousarray(array, dtype=np.float64)
+        return array if array.dtype == np.float64 and array.flags.c_contiguous else as_doubles(array)
     problem = f"holds an array of shape {array.shape} instead of (n, {width})"
     if array.T.shape[1:] == (width,):
         raise input_error(path, problem, "transpose it before saving, one point per row: points.T")

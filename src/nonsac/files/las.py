@@ -16,6 +16,7 @@ from nonsac.files.claims import check_expansion, size_of
 from nonsac.files.content import check_kind
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing
 from nonsac.files.records import truncated
+from nonsac.quiet import quiet
 
 _POINTS_AT_ONCE = 500_000
 _SHORTEST_HEADER, _RECORD_HEADER = 227, 54  # bytes
@@ -24,6 +25,7 @@ _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _PANIC = "PanicException"
 
 
+@quiet
 def read_las(path: FilePath) -> NDArray[np.float64]:
     """Read the points of a LAS or LAZ file, in the units of its coordinate system.
 

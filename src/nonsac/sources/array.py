@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.arraylike import as_array
 from nonsac.checks import listed
+from nonsac.quiet import as_doubles
 from nonsac.sources.columns import names_of_table
 from nonsac.sources.contract import About, Source
 
@@ -64,12 +65,12 @@ class ArraySource(Source):
         return picked
 
     def take(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        return np.array(self.pick(self.checked(indices)), np.float64, order="C")
+        return as_doubles(self.pick(self.checked(indices)))
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
         stop = len(self) if stop is None else min(stop, len(self))
         for first in range(start, stop, rows):
-            yield np.array(self.pick(slice(first, min(first + rows, stop))), np.float64, order="C")
+            yield as_doubles(self.pick(slice(first, min(first + rows, stop))))
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"rows": _mapping_of(self.rows) or self.rows, "_backing": None}

@@ -14,6 +14,7 @@ from nonsac.files.column_names import find_places, listing
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.layouts import WEIGHT, Layout
 from nonsac.numeric import shown
+from nonsac.quiet import as_doubles
 from nonsac.sources.contract import Source
 
 
@@ -93,9 +94,9 @@ def split_columns(chosen: Sequence[int], widths: Sequence[int]) -> list[tuple[in
 def read_columns(array: Any, first: int, last: int, columns: list[int]) -> NDArray[np.float64]:
     """Columns of the rows `first` to `last - 1` of an array (n, d) or (n,) of HDF5 or Zarr."""
     if array.ndim == 1:
-        return np.asarray(array[first:last], np.float64)[:, None]
+        return as_doubles(array[first:last])[:, None]
     low, high = min(columns), max(columns) + 1
-    return np.asarray(array[first:last, low:high], np.float64)[:, np.subtract(columns, low)]
+    return as_doubles(array[first:last, low:high])[:, np.subtract(columns, low)]
 
 
 def arranged(source: Source, layout: Layout) -> Source:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.checks import listed
 from nonsac.numeric import shown
+from nonsac.quiet import as_doubles, quiet
 from nonsac.sources.array import ArraySource
 from nonsac.sources.contract import About, Source
 from nonsac.sources.mapped import Map
@@ -59,11 +60,11 @@ class JoinedSource(Source):
         for first in range(start, stop, rows):
             yield self._joined([part.pick(slice(first, min(first + rows, stop))) for part in self.parts])
 
+    @quiet
     def _joined(self, pieces: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
         """Copied once, if nothing maps them."""
         mapped = [
-            rows if move is None else move(np.array(rows, np.float64, order="C"))
-            for rows, move in zip(pieces, self.maps, strict=True)
+            rows if move is None else move(as_doubles(rows)) for rows, move in zip(pieces, self.maps, strict=True)
         ]
         joined, end = np.empty((len(mapped[0]), sum(piece.shape[1] for piece in mapped))), 0
         for piece in mapped:  # by columns: NumPy is slow at rows of two or three numbers

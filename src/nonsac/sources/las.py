@@ -13,6 +13,7 @@ from nonsac.files.errors import FilePath
 from nonsac.files.las import open_las, stored_coordinates
 from nonsac.files.positioned import PositionedFile
 from nonsac.files.records import truncated
+from nonsac.quiet import quiet
 from nonsac.sources.blocks import EvenBlockSource
 from nonsac.sources.records import Records, RecordSource
 from nonsac.sources.wrapped import WrappedSource
@@ -53,6 +54,7 @@ class LasSource(WrappedSource):
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
         return map(self._moved, super().chunks(rows, start, stop))
 
+    @quiet
     def _moved(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         points *= self.scales
         points += self.offsets

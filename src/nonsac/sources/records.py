@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.positioned import PositionedFile
+from nonsac.quiet import quiet
 from nonsac.sources.contract import About, Source
 
 _PAGE = 4096
@@ -63,6 +64,7 @@ class Records:
             (8 * position, double) for position in range(len(self.columns))
         )
 
+    @quiet
     def _unpack(self, content: NDArray[np.uint8], skipped: int, rows: NDArray[np.float64]) -> None:
         for position, (first, kind) in enumerate(self.columns):
             first -= skipped
