@@ -94,6 +94,8 @@ def file_name(name: str, path: Any) -> str:
         path = os.fspath(path)
     if not isinstance(path, str):
         raise TypeError(f"{name} is {shown(path)}; expected the name of a file, as a string or a path")
+    if not path:
+        raise ValueError(f"{name} is empty; expected the name of a file")
     if "\0" in path:
         raise ValueError(f"{name} is {shown(path)}; expected the name of a file, without NUL")
     return path

@@ -69,7 +69,7 @@ PLANTED: dict[str, Format] = {
     "warning": _format(_warned),
     "late": _format(_ignored_in_a_destructor),
     "refused-memory": _format(_taken_for_damage),
-    "memory": _format(lambda path: np.ones(40 * 2**20).sum()),
+    "memory": _format(lambda path: np.ones(60 * 2**20).sum()),
     "hang": _format(lambda path: threading.Event().wait()),
     "busy": _format(lambda path: sum(1 for _ in iter(int, 1))),
     "death": _format(lambda path: os.abort()),

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from nonsac.checks import file_name
 from nonsac.files.content import check_head, not_regular, read_content, unreadable
 from nonsac.files.errors import FilePath, input_error
 
@@ -22,7 +23,7 @@ _OF_PROCESSES = ("/dev/", "/proc/")
 
 def is_stream(path: FilePath) -> bool:
     """Whether it is read as text, once: standard input (`-`), `<(...)`, or a pipe that is named as text is."""
-    name = os.fspath(path)
+    name = file_name("path", path)
     if name == STANDARD_INPUT:
         return True
     try:

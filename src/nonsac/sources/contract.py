@@ -54,7 +54,11 @@ class Source(ABC):
     @cached_property
     def width(self) -> int:
         """Number of columns, D; may be set as an attribute. By default that of `take` of no rows."""
-        return int(self.take(np.empty(0, np.int64)).shape[1])
+        rows = self.take(np.empty(0, np.int64))
+        if np.ndim(rows) != 2:
+            name = type(self).__name__
+            raise TypeError(f"{name}.take gave an array of shape {np.shape(rows)}; expected (k, D) for k row numbers")
+        return int(rows.shape[1])
 
     @abstractmethod
     def __len__(self) -> int: ...

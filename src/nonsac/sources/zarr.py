@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -134,11 +135,14 @@ class ZarrSource(EvenBlockSource):
         zarr = _import_zarr(self.path)
         self._check_there()
         try:
-            node = zarr.open(self.path, mode="r")
+            with warnings.catch_warnings():  # of files that lie beside
+                warnings.simplefilter("ignore", UserWarning)
+                return _arrays(self.path, zarr.open(self.path, mode="r"), self.arrays)
+        except InputError:
+            raise
         except Exception as error:
             problem = f"holds no Zarr array or group that can be read ({_first_words(error)})"
             raise input_error(self.path, problem, "give the path or URL that it was written to") from error
-        return _arrays(self.path, node, self.arrays)
 
     def _check_there(self) -> None:
         # Zarr itself takes what is gone for fill values.
