@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeGuard
@@ -307,7 +308,8 @@ def _arrays(path: str, asked: _Asked) -> str | Sequence[str] | None:
         import zarr
     except ImportError:
         return None  # ZarrSource says so
-    with file_errors(path):
+    with file_errors(path), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of files that lie beside
         check_metadata(path)
         opened = zarr.open(path, mode="r")
         if not isinstance(opened, zarr.Group):
