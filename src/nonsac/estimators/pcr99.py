@@ -124,6 +124,8 @@ class Pcr99(Estimator):
         registration, threshold, weights = self._registration(problem), noise.threshold, rows.mean_weights
         # In units of the threshold, so that single precision serves any unit.
         columns = np.ascontiguousarray((rows.values - centre(rows.values)).T / threshold)
+        if registration.scale is None:
+            columns[:3] *= _size(columns[3:]) / _size(columns[:3])  # ratios are sought within e^4 of 1
         ranks = None if self.order == "random" else self._rank_scores(columns, registration)
         if ranks is not None and weights is not None:
             ranks *= weights
@@ -232,3 +234,9 @@ class Pcr99(Estimator):
         else:
             count_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, counts)
         return counts.astype(np.float64)
+
+
+def _size(columns: Array) -> float:
+    """Median distance of points (3, N) from their middle, the origin; 1 if more than half of them are there."""
+    size = float(np.median(np.linalg.norm(columns, axis=0)))
+    return size if size > 0.0 else 1.0

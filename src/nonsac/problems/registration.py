@@ -80,9 +80,11 @@ class Registration(Streaming, Problem):
 
     def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
         """False for collinear inliers: the rotation about their line would be uncertain by ten degrees or more."""
-        halves = (inliers[:, :3], inliers[:, 3:])
-        spread = min(np.linalg.svd(half - half.mean(axis=0), compute_uv=False)[1] for half in halves)
-        return bool(noise.sigma < 0.17 * spread)
+        source, target = (
+            np.linalg.svd(half - half.mean(axis=0), compute_uv=False)[1] for half in (inliers[:, :3], inliers[:, 3:])
+        )
+        scale = np.nan_to_num(np.linalg.norm(model[:, 0]), nan=1.0)  # the noise is in the unit of the target
+        return bool(noise.sigma < 0.17 * min(scale * source, target))
 
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t.
