@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.checks import real_array, whole_number
 from nonsac.layouts import Array
 from nonsac.problems.pose import rotation_distance
+from nonsac.values.checks import real_array, whole_number
 
 __all__ = ["mean_average_accuracy", "rotation_error", "translation_error"]
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.checks import real_array
 from nonsac.layouts import Array, Rows
-from nonsac.quiet import quiet
+from nonsac.values.checks import real_array
+from nonsac.values.quiet import quiet
 
 VERSION = version("nonsac")
 

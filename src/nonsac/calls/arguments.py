@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.arraylike import as_array, cloud_array, column_names
 from nonsac.layouts import Array
-from nonsac.quiet import quiet
 from nonsac.result import Result
 from nonsac.sources.contract import Source
+from nonsac.values.arraylike import as_array, cloud_array, column_names
+from nonsac.values.quiet import quiet
 
 
 def check_object(name: str, value: object, kind: type) -> None:

@@ -15,13 +15,13 @@ import numpy as np
 
 from nonsac.calls.registry import CALLS, Call
 from nonsac.cameras.unreadable import chosen_cameras
-from nonsac.checks import iterable
 from nonsac.files.content import may_end_process
-from nonsac.numeric import shown
 from nonsac.result import Result
 from nonsac.running.executors import Workers, parsed, waited_for, width_of
 from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses, can_spawn
 from nonsac.seeds import canonical_seed
+from nonsac.values.checks import iterable
+from nonsac.values.numeric import shown
 
 __all__ = ["Job", "WorkerDied", "estimate_many"]
 

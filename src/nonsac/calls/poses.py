@@ -18,10 +18,10 @@ from nonsac.layouts import MATCHES, POINTS, Array
 from nonsac.method.pipeline import run
 from nonsac.method.settings import KeywordsAndEstimator, Settings, shows_settings
 from nonsac.problems import AbsolutePose, RelativePose
-from nonsac.quiet import quiet
 from nonsac.result import Result, Status
 from nonsac.sources.contract import Source
 from nonsac.sources.mapped import Map
+from nonsac.values.quiet import quiet
 
 _LARGEST_NORMALISED = 10.0
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from nonsac.arraylike import as_array
 from nonsac.layouts import Array
+from nonsac.values.arraylike import as_array
 
 _FIELDS = {
     "K": ("K", "k", "camera_matrix", "cameraMatrix", "mtx"),

@@ -21,9 +21,9 @@ from nonsac.cameras.lenses import lens_of
 from nonsac.cameras.models import checked_parameters, parameter_names
 from nonsac.cameras.parse import camera_fields
 from nonsac.cameras.unreadable import check_readable
-from nonsac.checks import real_array
 from nonsac.layouts import Array
-from nonsac.numeric import as_real, shown
+from nonsac.values.checks import real_array
+from nonsac.values.numeric import as_real, shown
 
 __all__ = ["Camera", "CameraLike"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import real_array
 from nonsac.files.errors import FilePath, input_error
-from nonsac.numeric import shown
+from nonsac.values.checks import real_array
+from nonsac.values.numeric import shown
 
 # What COLMAP's models have as parameters, by its own numbers and names.
 _MODELS = {

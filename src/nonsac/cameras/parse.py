@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from nonsac.arraylike import as_array
 from nonsac.cameras.calibration import calibration_of, from_calibration, from_coefficients, params_of_matrix
 from nonsac.cameras.models import parameter_names
+from nonsac.values.arraylike import as_array
 
 
 def camera_fields(value: Any) -> tuple[Any, ...]:

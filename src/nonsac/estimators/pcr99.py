@@ -18,12 +18,12 @@ from nonsac.kernels.consistency import (
     sum_consistent_ratios,
 )
 from nonsac.layouts import Array, Rows
-from nonsac.numeric import as_real, as_whole, shown
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.fits import inlier_fit, reweighted_fit
 from nonsac.problems.noise import Noise
 from nonsac.problems.registration import Registration, centre
 from nonsac.result import Hypothesis
+from nonsac.values.numeric import as_real, as_whole, shown
 
 _BATCH = 1000
 _PROMISING = 10  # one in so many rows goes on to a joint search

@@ -18,7 +18,7 @@ from nonsac.files.content import check_kind, read_content
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.npy import HEAD_LENGTH, NpyHeader, parse_npy_header, read_npy_head
 from nonsac.files.positioned import PositionedFile
-from nonsac.quiet import as_doubles
+from nonsac.values.quiet import as_doubles
 
 
 def load_npy(path: FilePath) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from nonsac.files.claims import check_expansion, size_of
 from nonsac.files.content import check_kind
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing
 from nonsac.files.records import truncated
-from nonsac.quiet import quiet
+from nonsac.values.quiet import quiet
 
 _POINTS_AT_ONCE = 500_000
 _SHORTEST_HEADER, _RECORD_HEADER = 227, 54  # bytes

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from nonsac.checks import file_name
 from nonsac.files.content import check_regular, unreadable
 from nonsac.files.errors import FilePath, InputError, input_error, library_missing
+from nonsac.values.checks import file_name
 
 Choice = TypeVar("Choice")
 

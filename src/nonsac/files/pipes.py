@@ -8,9 +8,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from nonsac.checks import file_name
 from nonsac.files.content import check_head, not_regular, read_content, unreadable
 from nonsac.files.errors import FilePath, input_error
+from nonsac.values.checks import file_name
 
 STANDARD_INPUT = "-"
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")

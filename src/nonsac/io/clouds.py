@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.arraylike import as_array
 from nonsac.files.arrays import as_rows, load_npy, load_npz
 from nonsac.files.atomic import write_atomically
 from nonsac.files.errors import FilePath, input_error
@@ -18,6 +17,7 @@ from nonsac.files.records import find_axes
 from nonsac.files.text import EXACT, read_table
 from nonsac.io.pcd import read_pcd, write_pcd
 from nonsac.io.ply import read_ply, write_ply
+from nonsac.values.arraylike import as_array
 
 Reader = Callable[[FilePath], NDArray[np.float64]]
 Writer = Callable[[Path, NDArray[np.float64]], None]

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.arraylike import as_array
 from nonsac.cameras.models import camera_dict, model_name, pinhole_matrix
 from nonsac.cameras.unreadable import camera_or_error, check_readable
-from nonsac.checks import real_array
 from nonsac.files.claims import size_of
 from nonsac.files.content import check_kind
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
 from nonsac.io.correspondences import Matches, Points
-from nonsac.numeric import as_whole, shown
+from nonsac.values.arraylike import as_array
+from nonsac.values.checks import real_array
+from nonsac.values.numeric import as_whole, shown
 
 # A constant of COLMAP: there can be no more images than this.
 _MAX_IMAGES = 2147483647

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.cameras.unreadable import camera_or_error, check_readable
-from nonsac.checks import file_name, listed
 from nonsac.files.arrays import open_npz
 from nonsac.files.content import content_kind
 from nonsac.files.errors import FilePath, input_error
@@ -28,6 +27,7 @@ from nonsac.layouts import MATCHES, PAIRS, POINTS, Layout
 from nonsac.sources import JoinedSource
 from nonsac.sources.contract import Source
 from nonsac.sources.open import holds_rows, open_source
+from nonsac.values.checks import file_name, listed
 
 _HDF5 = (".h5", ".hdf5")
 _CLOUDS, _KINDS_OF_CLOUDS = (".ply", ".pcd", ".las", ".laz"), ("PLY file", "PCD file", "LAS file")

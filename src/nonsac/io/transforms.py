@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import file_name, real_array
 from nonsac.files.atomic import write_atomically
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.text import EXACT, read_table
+from nonsac.values.checks import file_name, real_array
 
 _SHAPE = (4, 4)
 

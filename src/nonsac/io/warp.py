@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.arraylike import as_array
-from nonsac.checks import real_array
 from nonsac.io.correspondences import Matches, Points
-from nonsac.numeric import shown
 from nonsac.seeds import canonical_seed
+from nonsac.values.arraylike import as_array
+from nonsac.values.checks import real_array
+from nonsac.values.numeric import shown
 
 
 def from_warp(

@@ -19,12 +19,12 @@ from nonsac.method.union_refit import UnionRefit
 from nonsac.method.verdict import Residuals
 from nonsac.problems.contract import Problem, rows_of
 from nonsac.problems.normal_equations import LikelyInliers, NormalEquations, Streaming, weighted
-from nonsac.quiet import quiet
 from nonsac.result import Remark, Status
 from nonsac.running.executors import Workers, are_elsewhere, cores, ordered_map, parsed
 from nonsac.running.memory import bytes_of_block
 from nonsac.sources import HeldSource
 from nonsac.sources.contract import Source
+from nonsac.values.quiet import quiet
 
 _CHUNK = 8192  # rows whose columns, residuals and weights stay in the second-level cache
 _PIECE = 2**20

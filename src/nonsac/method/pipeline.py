@@ -18,12 +18,12 @@ from nonsac.method.settings import Settings
 from nonsac.method.wrong_noise import remarks_on_noise
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
-from nonsac.quiet import quiet
 from nonsac.result import VERSION, Evidence, Hypothesis, Remark, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.memory import peak_memory
 from nonsac.seeds import canonical_seed
 from nonsac.sources.contract import Source
+from nonsac.values.quiet import quiet
 
 _CLEAR = 0.99
 _MOST_REPETITIONS, _SAME_NOISE, _SAMPLES_FOR_NOISE = 3, 1.25, 3

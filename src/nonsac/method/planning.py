@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from nonsac.numeric import as_whole, shown
 from nonsac.running.memory import bytes_for
 from nonsac.sources import MappedSource
 from nonsac.sources.contract import Source
+from nonsac.values.numeric import as_whole, shown
 
 _ROWS_OF_THE_LAST_FIT = 100_000
 _BYTES_A_SECOND = 200e6

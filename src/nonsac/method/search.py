@@ -15,11 +15,11 @@ from nonsac.layouts import Array, Rows
 from nonsac.method.sampling import sample_rows, sample_start, union_rows
 from nonsac.problems.contract import ContractBroken, Problem, blame, rows_of
 from nonsac.problems.noise import Noise
-from nonsac.quiet import quiet
 from nonsac.result import Hypothesis
 from nonsac.running.executors import Workers, are_elsewhere, ordered_map
 from nonsac.sources import ArraySource
 from nonsac.sources.contract import Source
+from nonsac.values.quiet import quiet
 
 
 class Stop(Protocol):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar
 
 # Nothing heavy is imported before it is used: the command line shows the settings in its `--help`.
-from nonsac.numeric import as_real, as_whole, shown
+from nonsac.values.numeric import as_real, as_whole, shown
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import number, real_array
-from nonsac.numeric import shown
 from nonsac.plot.figures import BLUE, INK, ORANGE, new_figure, picture_suffix, write, write_text
+from nonsac.values.checks import number, real_array
+from nonsac.values.numeric import shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

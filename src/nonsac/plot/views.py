@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import real_array
 from nonsac.plot.figures import new_figure, write_text
+from nonsac.values.checks import real_array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

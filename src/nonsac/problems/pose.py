@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nonsac.layouts import Array
-from nonsac.numeric import as_real, shown
+from nonsac.values.numeric import as_real, shown
 
 _LARGEST_ROTATION_SIGMA = 0.17
 

@@ -17,12 +17,12 @@ from nonsac.kernels.registration import (
     registration_residuals,
 )
 from nonsac.layouts import PAIRS, Array
-from nonsac.numeric import as_real, shown
 from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, robust_covariance
 from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
 from nonsac.problems.pose import homogeneous, rotation_distance
+from nonsac.values.numeric import as_real, shown
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import re
 import sys
 from typing import Any
 
-from nonsac.numeric import as_real, shown
+from nonsac.values.numeric import as_real, shown
 
 _FACTORS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "KI": 2**10, "MI": 2**20, "GI": 2**30, "TI": 2**40}
 _PATTERN = re.compile(r"\s*([0-9.]+(?:e[+]?[0-9]+)?)\s*([KMGT]I?)?B?\s*", re.IGNORECASE)

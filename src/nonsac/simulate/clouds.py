@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nonsac.checks import real_array
 from nonsac.simulate.motions import (
     Floats,
     Seed,
@@ -16,6 +15,7 @@ from nonsac.simulate.motions import (
     move,
     random_motion,
 )
+from nonsac.values.checks import real_array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.numeric import as_real, shown
 from nonsac.simulate.motions import (
     Floats,
     Seed,
@@ -17,6 +16,7 @@ from nonsac.simulate.motions import (
     random_motion,
     random_rotation,
 )
+from nonsac.values.numeric import as_real, shown
 
 # What the two cameras of Section 4.1 see, in units of the distance between them.
 NEAR, FAR = 0.1, 10.0

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from nonsac.numeric import as_real, as_whole, shown
+from nonsac.values.numeric import as_real, as_whole, shown
 
 Floats = NDArray[np.float64]
 Seed = int | np.random.Generator

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.arraylike import as_array
-from nonsac.checks import listed
-from nonsac.quiet import as_doubles
 from nonsac.sources.columns import names_of_table
 from nonsac.sources.contract import About, Source
+from nonsac.values.arraylike import as_array
+from nonsac.values.checks import listed
+from nonsac.values.quiet import as_doubles
 
 
 class ArraySource(Source):

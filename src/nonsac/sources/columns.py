@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from nonsac.checks import iterable
 from nonsac.files.column_names import find_places, listing
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.layouts import WEIGHT, Layout
-from nonsac.numeric import shown
-from nonsac.quiet import as_doubles
 from nonsac.sources.contract import Source
+from nonsac.values.checks import iterable
+from nonsac.values.numeric import shown
+from nonsac.values.quiet import as_doubles
 
 
 def names_of_table(rows: Any) -> tuple[str, ...] | None:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import listed
-from nonsac.numeric import shown
-from nonsac.quiet import as_doubles, quiet
 from nonsac.sources.array import ArraySource
 from nonsac.sources.contract import About, Source
 from nonsac.sources.mapped import Map
+from nonsac.values.checks import listed
+from nonsac.values.numeric import shown
+from nonsac.values.quiet import as_doubles, quiet
 
 
 class JoinedSource(Source):

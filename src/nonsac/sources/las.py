@@ -13,10 +13,10 @@ from nonsac.files.errors import FilePath
 from nonsac.files.las import open_las, stored_coordinates
 from nonsac.files.positioned import PositionedFile
 from nonsac.files.records import truncated
-from nonsac.quiet import quiet
 from nonsac.sources.blocks import EvenBlockSource
 from nonsac.sources.records import Records, RecordSource
 from nonsac.sources.wrapped import WrappedSource
+from nonsac.values.quiet import quiet
 
 _USUAL_CHUNK = 50_000
 _NO_FIXED_CHUNK = 2**32 - 1

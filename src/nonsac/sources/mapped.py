@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.numeric import shown
 from nonsac.sources.contract import About, Source
+from nonsac.values.numeric import shown
 
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 

@@ -12,7 +12,6 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.checks import file_name, listed
 from nonsac.files.arrays import Archive, as_rows, open_npz
 from nonsac.files.column_names import is_wanted_anywhere, listing, place_of
 from nonsac.files.content import UTF16, check_regular, content_kind, with_article
@@ -21,10 +20,11 @@ from nonsac.files.paths import file_errors, holds, is_folder, is_url, read_head
 from nonsac.files.pipes import is_stream
 from nonsac.files.text import is_number, read_table
 from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
-from nonsac.numeric import shown
 from nonsac.sources.array import ArraySource
 from nonsac.sources.columns import arranged, places_in, unfit
 from nonsac.sources.contract import Source
+from nonsac.values.checks import file_name, listed
+from nonsac.values.numeric import shown
 
 Columns = Sequence[str | int] | None
 _KNOWN = (MATCHES, POINTS, PAIRS)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from numpy.typing import DTypeLike
 
-from nonsac.checks import whole_number
 from nonsac.files.claims import check_width
 from nonsac.files.errors import FilePath, input_error
 from nonsac.files.positioned import PositionedFile
 from nonsac.sources.columns import real_dtype
 from nonsac.sources.records import Records, RecordSource, number_columns
+from nonsac.values.checks import whole_number
 
 _MOST = 2**62
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.positioned import PositionedFile
-from nonsac.quiet import quiet
 from nonsac.sources.contract import About, Source
+from nonsac.values.quiet import quiet
 
 _PAGE = 4096
 

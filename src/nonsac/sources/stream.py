@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.checks import iterable
 from nonsac.seeds import canonical_seed
 from nonsac.sources.array import ArraySource
+from nonsac.values.checks import iterable
 
 _LARGEST_KEY = np.iinfo(np.uint64).max
 

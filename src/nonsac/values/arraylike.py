@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.quiet import quiet
+from nonsac.values.quiet import quiet
 
 # What libraries call the coordinates of a cloud, those that are scaled and shifted first.
 _COORDINATES = ("xyz", "points", "vertices")

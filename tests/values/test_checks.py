@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nonsac import checks
+from nonsac.values import checks
 
 
 @pytest.mark.parametrize("value", [[[1, 2], [3]], "abc", None, [1j], np.zeros(3, "M8[s]"), object(), [None]])

@@ -9,7 +9,7 @@ import pytest
 import nonsac
 from nonsac import simulate
 from nonsac.estimators import Pcr99
-from nonsac.numeric import as_real, as_whole, shown
+from nonsac.values.numeric import as_real, as_whole, shown
 
 PAIRS = simulate.registration(60, 0.3, 0.01, 0)
 NONE = [True, np.True_, "7", b"7", 1j, Decimal(7), [7], np.array([7]), float("nan")]

@@ -8,7 +8,7 @@ import pytest
 
 import nonsac
 from nonsac import simulate
-from nonsac.quiet import quiet
+from nonsac.values.quiet import quiet
 
 VIEWS = simulate.relative_pose(60, 0.3, 0.001, 0)
 SCENE = simulate.absolute_pose(60, 0.3, 0.001, 0)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nonsac.arraylike import as_array
-from nonsac.numeric import as_real, as_whole, shown
-from nonsac.quiet import quiet
+from nonsac.values.arraylike import as_array
+from nonsac.values.numeric import as_real, as_whole, shown
+from nonsac.values.quiet import quiet
 
 
 @quiet

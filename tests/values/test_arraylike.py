@@ -8,8 +8,8 @@ import pytest
 
 import nonsac
 from nonsac import simulate
-from nonsac.arraylike import as_array, cloud_array
 from nonsac.calls.arguments import points_argument, weights_argument
+from nonsac.values.arraylike import as_array, cloud_array
 
 XYZ = np.array([[1.0, 2, 3], [4, 5, 6], [7, 8, np.nan], [9, 10, 11], [12, 13, 14]])
 TABLE = "an array of real numbers"
