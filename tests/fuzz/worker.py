@@ -7,6 +7,7 @@ import gc
 import json
 import mmap
 import os
+import re
 import resource
 import shutil
 import struct
@@ -25,6 +26,7 @@ from fuzz import cases, judge
 STATE = struct.Struct("<qdqdqqq")
 _SLACK = 768 * 2**20  # of addresses, which threads and allocators reserve without using them
 _PAGE = resource.getpagesize()
+_HIGH_WATER = re.compile(rb"VmHWM:\s+(\d+)")
 
 
 class Worker:
@@ -99,8 +101,10 @@ class Worker:
         return peak
 
     def _peak(self) -> int:
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return peak if sys.platform == "darwin" else peak * 1024
+        if sys.platform == "linux":  # what getrusage tells begins with the memory of the process that started this one
+            with open("/proc/self/status", "rb") as file:
+                return int(_HIGH_WATER.search(file.read())[1]) * 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
     def _tell(self, **event: Any) -> None:
         self.answers.write(json.dumps(event) + "\n")

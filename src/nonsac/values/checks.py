@@ -88,7 +88,7 @@ def file_name(name: str, path: Any) -> str:
     TypeError
         If it is none.
     ValueError
-        If it holds what no name of a file can hold.
+        If it is empty.
     """
     if isinstance(path, os.PathLike):
         path = os.fspath(path)
@@ -96,6 +96,4 @@ def file_name(name: str, path: Any) -> str:
         raise TypeError(f"{name} is {shown(path)}; expected the name of a file, as a string or a path")
     if not path:
         raise ValueError(f"{name} is empty; expected the name of a file")
-    if "\0" in path:
-        raise ValueError(f"{name} is {shown(path)}; expected the name of a file, without NUL")
     return path
