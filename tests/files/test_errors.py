@@ -4,7 +4,8 @@ import pickle
 
 import pytest
 
-from nonsac.files.errors import InputError, input_error, printable
+from nonsac.files.errors import InputError, input_error
+from nonsac.values.numeric import printable
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from fuzz import judge
 from fuzz.folders import remove_files
 from nonsac import evaluation, plot, scoring, simulate
 from nonsac import io as nio
-from nonsac.files.errors import printable
+from nonsac.values.numeric import printable
 
 Arguments = dict[str, Any]
 

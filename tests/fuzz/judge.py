@@ -16,6 +16,7 @@ BYTES = 256 * 2**20
 _HOME = str(Path(nonsac.__file__).parent)
 _LONGEST = 4000
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
+_REFUSED = "it claims more memory than there is"  # by a library, before it took any
 _NO_MEMORY = re.compile(r"[Uu]nable to allocate|malloc|memory allocation failed|[Oo]ut of memory|realloc of size")
 
 
@@ -55,7 +56,7 @@ def judged(
     place, text = _place(error), f"{type(error).__name__}: {error}"
     if isinstance(error, AssertionError) and not place.startswith("src"):
         return Failure("wrong", "", str(error)[:300])
-    if no_memory(error):
+    if no_memory(error) and _REFUSED not in text:
         return Failure("memory", place, text[:300])
     if any(isinstance(each, NameError) for each in _chain(error)):
         return Failure("error", place, f"a mistake in the code, taken for damage: {text[:300]}")

@@ -408,6 +408,7 @@ def change_rows(rng: random.Random, content: bytes, other: bytes) -> bytes:
     database = sqlite3.connect(":memory:")
     try:
         database.deserialize(content)
+        database.text_factory = lambda text: text.decode("utf-8", "replace")
         tables = [name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         table = rng.choice([name for name in tables if not name.startswith("sqlite_")])
         columns = [row[1] for row in database.execute(f"PRAGMA table_info({table})")]
@@ -443,7 +444,7 @@ def change_rows(rng: random.Random, content: bytes, other: bytes) -> bytes:
             database.execute(statement)
         database.commit()
         return database.serialize()
-    except (sqlite3.Error, IndexError):
+    except (sqlite3.Error, IndexError, UnicodeDecodeError):
         return flip_bit(rng, content, other)
     finally:
         database.close()

@@ -23,7 +23,7 @@ from nonsac.cameras.parse import camera_fields
 from nonsac.cameras.unreadable import check_readable
 from nonsac.layouts import Array
 from nonsac.values.checks import real_array
-from nonsac.values.numeric import as_real, shown
+from nonsac.values.numeric import as_real, printable, shown
 
 __all__ = ["Camera", "CameraLike"]
 
@@ -80,7 +80,7 @@ class Camera:
         try:
             return cls(*camera_fields(value))
         except (TypeError, ValueError) as error:
-            raise type(error)(f"{name}: {error}") from None
+            raise type(error)(printable(f"{name}: {error}")) from None
 
     def __str__(self) -> str:
         """The line of COLMAP's cameras.txt, without the id; `parse` reads it back exactly."""

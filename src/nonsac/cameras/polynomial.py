@@ -129,6 +129,8 @@ def _first_root(even: Array, odd: Array | None = None) -> float:
     bound = np.zeros(2 * max(len(even), len(odd)))
     bound[: 2 * len(even) : 2] = even
     bound[1 : 2 * len(odd) : 2] = -odd
+    if not np.isfinite(bound).all():
+        return 0.0
     # As a polynomial in 1 / x its leading coefficient is 1, however small the others are.
     roots = polyroots(np.trim_zeros(bound, "b")[::-1])
     positive = roots.real[(roots.imag == 0) & (roots.real > 1e-12)]

@@ -18,6 +18,7 @@ from nonsac.calls.registry import CALLS, Call
 from nonsac.cli.inputs import image_of
 from nonsac.cli.options import camera_of
 from nonsac.files.content import check_regular
+from nonsac.values.numeric import printable
 
 if TYPE_CHECKING:
     from nonsac.calls.jobs import Job
@@ -77,7 +78,7 @@ def _jobs(path: Path, call: str | None) -> Iterator[Job]:
         try:
             yield _job(row, path.parent, call, str(number))
         except (ValueError, typer.BadParameter) as error:
-            raise ValueError(f"{path}, line {line}: {error}") from error
+            raise ValueError(printable(f"{path}, line {line}: {error}")) from error
 
 
 def _csv_rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

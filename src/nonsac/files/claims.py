@@ -30,7 +30,7 @@ def check_shape(path: FilePath, shape: Sequence[object]) -> tuple[int, ...]:
     for length in lengths:
         numbers *= max(length, 1)
     if numbers >= _LARGEST_COUNT:
-        problem = f"promises an array of {numbers:.3g} numbers, more than any file holds"
+        problem = f"promises an array of {min(numbers, 10**300):.3g} numbers, more than any file holds"
         raise input_error(path, problem, "copy or save the file again")
     return lengths
 

@@ -1,13 +1,10 @@
 """The error that users see when an input file cannot be used."""
 
 import os
-import re
 from collections.abc import Sequence
 from os import PathLike
 
-# Controls, line separators, and what turns the direction of writing.
-_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-_LONGEST = 2000
+from nonsac.values.numeric import printable
 
 FilePath = str | PathLike[str]
 _NAMES_SHOWN = 4
@@ -19,17 +16,6 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
-
-
-def printable(text: str) -> str:
-    """The text in one line without control characters, which a terminal would obey, and not too long.
-
-    What messages quote of a file is written by others.
-    """
-    line = _CONTROL.sub(lambda found: ascii(found[0])[1:-1], " ".join(text.split()))
-    if len(line) <= _LONGEST:
-        return line
-    return f"{line[: _LONGEST // 2]} [...] {line[-_LONGEST // 2 :]}"
 
 
 def input_error(path: FilePath, problem: str, fix: str) -> InputError:

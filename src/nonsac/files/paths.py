@@ -91,7 +91,8 @@ def file_errors(path: str) -> Iterator[None]:
             raise unreadable(path, error) from error
         if is_url(path):
             raise input_error(path, f"cannot be read ({error})", "check the address and the file") from error
-        raise input_error(path, f"is truncated or damaged ({error})", "copy or save the file again") from error
+        damage = "it claims more memory than there is" if isinstance(error, MemoryError) else error
+        raise input_error(path, f"is truncated or damaged ({damage})", "copy or save the file again") from error
 
 
 def changed(path: str) -> InputError:

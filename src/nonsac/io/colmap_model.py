@@ -11,6 +11,7 @@ from nonsac.files.content import status_of
 from nonsac.files.errors import FilePath, input_error
 from nonsac.io import colmap_binary, colmap_text
 from nonsac.io.correspondences import PointMatches, Points
+from nonsac.values.quiet import quiet
 
 _READERS = {".bin": colmap_binary, ".txt": colmap_text}
 
@@ -61,6 +62,7 @@ def points_of_model(folder: FilePath, image: str | int) -> PointMatches:
     return PointMatches(found.xy[has_point], points3d, camera=camera)
 
 
+@quiet
 def read_colmap_pose(folder: FilePath, image: str | int) -> Points:
     """Read the pose of an image in a COLMAP model.
 
@@ -86,7 +88,8 @@ def read_colmap_pose(folder: FilePath, image: str | int) -> Points:
     found = _READERS[suffix].find_image(path, image)
     pose = np.eye(4)
     pose[:3, 3] = found.translation
-    if not (np.isfinite(pose).all() and np.isfinite(found.quaternion).all() and found.quaternion.any()):
+    length = np.linalg.norm(found.quaternion)
+    if not (np.isfinite(pose).all() and 0.0 < length < np.inf):
         raise input_error(path, f"the pose of image {image!r} is not valid", "copy or export the model again")
     # SciPy has w at the end.
     pose[:3, :3] = Rotation.from_quat(np.roll(found.quaternion, -1)).as_matrix()

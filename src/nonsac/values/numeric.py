@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 from numbers import Integral, Real
 from typing import Any
 
 _LONGEST = 80  # characters of what came that a message shows
+
+
+# Controls, line separators, and what turns the direction of writing.
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+_LONGEST_LINE = 2000
 
 
 def as_real(value: Any) -> float:
@@ -31,3 +37,14 @@ def shown(value: Any) -> str:
         text = f"a number of {value.bit_length()} bits"
     text = " ".join(text.split())
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def printable(text: str) -> str:
+    """The text in one line without control characters, which a terminal would obey, and not too long.
+
+    What messages quote of a file is written by others.
+    """
+    line = _CONTROL.sub(lambda found: ascii(found[0])[1:-1], " ".join(text.split()))
+    if len(line) <= _LONGEST_LINE:
+        return line
+    return f"{line[: _LONGEST_LINE // 2]} [...] {line[-_LONGEST_LINE // 2 :]}"
