@@ -348,7 +348,7 @@ class CallKind:
     def may_warn(self, warning: warnings.WarningMessage) -> bool:
         """Whether the docstrings promise this warning."""
         message = str(warning.message)
-        return warning.category is UserWarning and (message.startswith("dropped") or " look like pixels " in message)
+        return warning.category is UserWarning and (message.startswith("dropped") or " look like " in message)
 
     def save(self, name: str, seed: int, number: int, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
@@ -673,7 +673,7 @@ CALLS: dict[str, Call] = {
     "open_matches": Call(
         _open_matches,
         lambda: {"files": ["a.txt"], "images": (), "columns": None, "dataset": None},
-        names=("a.txt", "no such file", "is a folder"),
+        names=("a.txt", "no such file", "is a folder", "the file name"),
     ),
     "read_cloud": Call(_example(nio.read_cloud), lambda: {"path": "a.npy"}),
     "write_cloud": Call(

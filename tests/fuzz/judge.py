@@ -63,11 +63,19 @@ def judged(
     if not isinstance(error, documented):
         return Failure("error", place, text[:300])
     message = str(error)
-    if not any(name in message for name in names):
+    if not any(_is_named(name, message) for name in names):
         return Failure("message", place, f"names neither file nor argument: {text[:300]}")
     if hostile and (_CONTROL.search(message) or len(message) > _LONGEST):
         return Failure("message", place, f"of {len(message)} characters, {text[:200]!a}")
     return None
+
+
+def _is_named(name: str, message: str) -> bool:
+    """Whether it is there, as far as it is printable and not too long."""
+    start = name[:100]
+    return (
+        start in message or start.encode("unicode_escape").decode() in message or start.replace("\0", "\\0") in message
+    )
 
 
 def no_memory(error: BaseException) -> bool:

@@ -65,8 +65,8 @@ class Job:
     name: str
 
     def __init__(self, call: str, /, *data: Any, name: str = "", **settings: Any) -> None:
-        if call not in CALLS:
-            raise ValueError(f"call must be one of {', '.join(CALLS)}, got {call!r}")
+        if not isinstance(call, str) or call not in CALLS:
+            raise ValueError(f"call must be one of {', '.join(CALLS)}, got {shown(call)}")
         known = CALLS[call].arguments
         for setting in settings:
             if setting not in known:

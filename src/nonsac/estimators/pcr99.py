@@ -75,6 +75,9 @@ class Pcr99(Estimator):
     rank: Literal["count", "sum"] = "count"
 
     def __post_init__(self) -> None:
+        for name in ("compare", "order", "rank", "refit"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name} must be a word, got {shown(getattr(self, name))}")
         if self.compare not in ("log_ratio", "distance"):
             raise ValueError(f'compare must be "log_ratio" or "distance", got {self.compare!r}')
         if self.order not in ("ranked", "random"):

@@ -47,7 +47,9 @@ def open_hdf5(path: FilePath, files: str = "HDF5 files", extra: str = "hdf5") ->
         raise
     # h5py passes on the errors of the HDF5 library as OSError, KeyError, RuntimeError and others.
     except Exception as error:
-        problem = f"is truncated, damaged or being written ({error})"
+        claims_much = "memory allocation failed" in str(error)
+        damage = "it claims more memory than there is" if claims_much else error
+        problem = f"is truncated, damaged or being written ({damage})"
         raise input_error(path, problem, "close it elsewhere, or copy or compute it again") from error
 
 

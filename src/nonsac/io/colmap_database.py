@@ -22,6 +22,7 @@ from nonsac.io.correspondences import Matches, Points
 from nonsac.values.arraylike import as_array
 from nonsac.values.checks import real_array
 from nonsac.values.numeric import as_whole, shown
+from nonsac.values.quiet import quiet
 
 # A constant of COLMAP: there can be no more images than this.
 _MAX_IMAGES = 2147483647
@@ -206,6 +207,7 @@ def _pair_id(numbers: Sequence[int]) -> int:
     return min(numbers) * _MAX_IMAGES + max(numbers)
 
 
+@quiet
 def _check_pose(path: FilePath, transform: ArrayLike | tuple[ArrayLike, ArrayLike]) -> tuple[Points, Points]:
     if isinstance(transform, tuple) and len(transform) == 2:
         rotation, translation = (real_array("transform", part) for part in transform)
@@ -250,6 +252,7 @@ def _pinhole_matrix(path: FilePath, database: sqlite3.Connection, image: int) ->
     return matrix
 
 
+@quiet
 def _geometry(rotation: Points, translation: Points, matrices: Sequence[Points | None]) -> dict[str, Any]:
     """Return what COLMAP stores of a calibrated pair of views, by the names of its columns."""
     from scipy.spatial.transform import Rotation

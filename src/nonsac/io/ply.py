@@ -170,10 +170,10 @@ def _axes_after_lists(path: FilePath, vertex: _Element, number: int, row: Sequen
             else:
                 values.setdefault(item.name, float(row[position]))
             position += 1
-    except (IndexError, ValueError):
+        return [values[axis] for axis in "xyz"]
+    except (IndexError, ValueError, KeyError):
         problem = f"line {number} does not fit the vertex properties in the PLY header"
         raise input_error(path, problem, "export the file again") from None
-    return [values[axis] for axis in "xyz"]
 
 
 def _read_binary(

@@ -57,7 +57,7 @@ def boxplot(
         If matplotlib is missing.
     """
     suffix = picture_suffix(path)
-    given = _mapping("paper", paper or {}).items()
+    given = _mapping("paper", {} if paper is None else paper).items()
     published = {key: number(f"paper[{key!r}]", value, 0.0, 1e30, "a number of at least 0") for key, value in given}
     unknown = sorted(set(published) - set(_mapping("errors", errors)) - set(_mapping("times", times)))
     if unknown:

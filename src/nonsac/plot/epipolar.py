@@ -48,7 +48,7 @@ def clip(lines: Floats, view: View) -> Floats:
     normals, offsets = lines[:, :2], lines[:, 2]
     corners = np.stack([view.corner, view.corner + view.size])
     middle = corners.mean(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         feet = middle - normals * ((normals @ middle + offsets) / (normals**2).sum(axis=1))[:, None]
         along = normals[:, ::-1] * [-1.0, 1.0]
         steps = (corners - feet[:, None]) / along[:, None]

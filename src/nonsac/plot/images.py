@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from nonsac.plot.epipolar import clip, distances_from_lines, far_apart, homogeneous, places_and_lines
 from nonsac.plot.figures import BLUE, INK, ORANGE, picture_suffix, write
 from nonsac.plot.views import Image, Pair, View, new_page, read_mask, read_pair, read_points, read_view, side_by_side
+from nonsac.values.checks import real_array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -222,10 +223,13 @@ def reprojections(
 
 
 def _fundamental(F: ArrayLike) -> Floats:
-    matrix = np.asarray(F, dtype=np.float64)
+    matrix = real_array("F", F)
     if matrix.shape != (3, 3):
         raise ValueError(f"F has shape {matrix.shape}; expected (3, 3)")
-    return matrix
+    if not np.isfinite(matrix).all():
+        raise ValueError("F holds numbers that are not finite; expected a fundamental matrix")
+    size = np.abs(matrix).max()
+    return matrix / size if size > 0.0 else matrix
 
 
 # --- what is drawn -------------------------------------------------------

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.plot.figures import BLUE, ORANGE, new_figure, picture_suffix, write, write_text
+from nonsac.values.checks import real_array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +51,7 @@ def clouds(
     """
     suffix = picture_suffix(path)
     before, fixed = _thin("source", source), _thin("target", target)
-    transform = np.asarray(T, dtype=np.float64)
+    transform = real_array("T", T)
     if transform.shape != (4, 4):
         raise ValueError(f"T has shape {transform.shape}; expected (4, 4)")
     figure = new_figure(12.0, 8.0)
@@ -115,6 +116,10 @@ def _normals(points: Floats) -> Floats:
     from scipy.spatial import cKDTree
 
     local = points - points.mean(axis=0)
+    size = np.abs(local).max(initial=0.0)
+    if not np.isfinite(size):
+        return np.zeros_like(points)
+    local /= size or 1.0
     neighbours = local[cKDTree(local).query(local, k=min(16, len(local)))[1].reshape(len(local), -1)]
     centred = neighbours - neighbours.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(centred.swapaxes(1, 2) @ centred)[1][:, :, 0])

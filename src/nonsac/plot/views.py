@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.plot.figures import new_figure, write_text
 from nonsac.values.checks import real_array
+from nonsac.values.numeric import shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -118,7 +119,10 @@ def _pale(name: str, image: Image) -> Floats:
     """Brightness from 0 to 1, lifted so that colours stand out."""
     from matplotlib.image import imread
 
-    array = np.asarray(imread(os.fspath(image)) if isinstance(image, (str, os.PathLike)) else image)
+    try:
+        array = np.asarray(imread(os.fspath(image)) if isinstance(image, (str, os.PathLike)) else image)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{name} is {shown(image)}, which cannot be read as an image ({error})") from error
     if array.size == 0 or not (array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (3, 4))):
         raise ValueError(f"{name} has shape {array.shape}; expected (h, w), (h, w, 3) or (h, w, 4)")
     brightest = np.iinfo(array.dtype).max if np.issubdtype(array.dtype, np.integer) else 1
@@ -147,9 +151,11 @@ def new_page(views: Sequence[View], rows: int, title: str | None) -> tuple[Figur
     """A figure with rows of the same images; the unit of their axes is the inch, from the upper edge of an image."""
     width = _page_width(views[-1].left + views[-1].width - views[0].left)
     label = _LABEL if len(views) > 1 else 0.1
-    top, row = _TITLE if title else 0.1, label + views[0].height + _LEGEND
+    top, row = _TITLE if isinstance(title, str) and title else 0.1, label + views[0].height + _LEGEND
     height = top + rows * row
     figure = new_figure(width, height)
+    if title is not None and not isinstance(title, str):
+        raise TypeError(f"title must be a string, got {shown(title)}")
     if title:
         write_text(figure, 0.5, 1 - 0.55 * top / height, title, 15)
     every = [figure.add_axes((0, (height - top - (k + 1) * row) / height, 1, row / height)) for k in range(rows)]

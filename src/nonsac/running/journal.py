@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, Self
 
 from nonsac.files.content import check_regular
 from nonsac.files.errors import input_error
+from nonsac.values.numeric import shown
 
 __all__ = ["Journal"]
 
@@ -224,6 +225,6 @@ def _check_settings(path: Path, before: Mapping[str, Any], now: Mapping[str, Any
     for key in {**before, **now}:
         if before.get(key) != now.get(key):
             raise ValueError(
-                f"{path} is of a run with {key} {before.get(key)!r}, not {now.get(key)!r}; "
+                f"{path} is of a run with {shown(key)} {shown(before.get(key))}, not {shown(now.get(key))}; "
                 "resume with the settings of that run, or remove the file"
             )

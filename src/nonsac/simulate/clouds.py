@@ -68,6 +68,7 @@ def cloud_pair(cloud: ArrayLike, rng: Seed, points: int = 500, overlap: float = 
         If an argument is out of its range, or the cloud has too few points for two such subsets.
     """
     check_count("points", points)
+    points = int(points)
     check_share("overlap", overlap)
     check_not_negative("noise", noise)
     unit = _fit_unit_cube(cloud)

@@ -79,6 +79,7 @@ def to_file(
         raise ValueError(f"dtype is {dtype!r}; expected float32 or float64")
     check_matches(n, outlier_ratio, noise)
     check_count("row_group", row_group)
+    n, row_group = int(n), int(row_group)
     kind = PROBLEMS[problem]
     check_rows_target(path, len(kind.columns), n, dtype)
     generator = generator_of(rng)

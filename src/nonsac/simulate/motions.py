@@ -46,8 +46,8 @@ def generator_of(rng: Seed) -> np.random.Generator:
 
 
 def check_count(name: str, value: int) -> None:
-    if (as_whole(value) or 0) < 1:
-        raise ValueError(f"{name} is {shown(value)}; expected a whole number of at least 1")
+    if not 1 <= (as_whole(value) or 0) <= 2**53:
+        raise ValueError(f"{name} is {shown(value)}; expected a whole number of at least 1, and less than 10^16")
 
 
 def check_share(name: str, value: float) -> None:

@@ -57,7 +57,9 @@ class Source(ABC):
         rows = self.take(np.empty(0, np.int64))
         if np.ndim(rows) != 2:
             name = type(self).__name__
-            raise TypeError(f"{name}.take gave an array of shape {np.shape(rows)}; expected (k, D) for k row numbers")
+            raise TypeError(
+                f"{name}.take gave an array of shape {np.shape(rows)}; a source gives (k, D) for k row numbers"
+            )
         return int(rows.shape[1])
 
     @abstractmethod

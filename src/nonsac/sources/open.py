@@ -271,8 +271,8 @@ def _weights(archive: Archive, rows: int) -> NDArray[Any]:
 
 
 def _of_numbers(path: str, parts: Sequence[NDArray[Any]], layout: Layout | None = None) -> ArraySource:
-    if any(part.ndim == 0 for part in parts):
-        raise input_error(path, "holds single numbers where rows are expected", "save one row for every match")
+    if any(part.ndim == 0 or 0 in part.shape[1:] for part in parts):
+        raise input_error(path, "holds single numbers or nothing where rows are", "save one row for every match")
     lengths = [len(part) for part in parts]
     if len(set(lengths)) > 1:
         problem = f"its arrays have {' and '.join(map(str, lengths))} rows, which should match one by one"

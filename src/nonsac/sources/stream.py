@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from nonsac.seeds import canonical_seed
 from nonsac.sources.array import ArraySource
 from nonsac.values.checks import iterable
+from nonsac.values.numeric import as_whole, shown
 
+_MOST_ROWS = 10**8
 _LARGEST_KEY = np.iinfo(np.uint64).max
 
 
@@ -52,8 +53,8 @@ class StreamSource(ArraySource):
     def __init__(
         self, chunks: Iterable[ArrayLike], rows: int = 200_000, rng: int | np.random.Generator | None = 0
     ) -> None:
-        if not isinstance(rows, Integral) or isinstance(rows, bool) or rows < 1:
-            raise ValueError(f"rows must be a positive integer, got {rows!r}")
+        if not 1 <= (as_whole(rows) or 0) <= _MOST_ROWS:
+            raise ValueError(f"rows must be a positive integer of at most {_MOST_ROWS:,}, got {shown(rows)}")
         reservoir, names, self.rows_seen = None, None, 0
         keys = np.random.default_rng(canonical_seed(rng))
         for chunk in _checked(chunks):
