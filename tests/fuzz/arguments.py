@@ -279,12 +279,14 @@ class CallCase:
         except Planted:
             return None
         except BaseException as error:
+            if isinstance(error, FileNotFoundError) and error.filename:
+                return None
             if _is_planted(error) or any(callable(self.arguments[name]) for name in self.call.foreign):
                 return None
             paths = (os.fspath(value) for value in self.arguments.values() if isinstance(value, (str, Path)))
             words = (printable(path) or "is a folder" for path in paths)
             names = (*self.call.valid(), *self.call.names, *words)
-            return judge.judged(error, (ValueError, TypeError), names, hostile=False)
+            return judge.judged(error, (ValueError, TypeError, FileNotFoundError), names, hostile=False)
         return None
 
     def __str__(self) -> str:
@@ -348,7 +350,8 @@ class CallKind:
     def may_warn(self, warning: warnings.WarningMessage) -> bool:
         """Whether the docstrings promise this warning."""
         message = str(warning.message)
-        return warning.category is UserWarning and (message.startswith("dropped") or " look like " in message)
+        known = message.startswith(("dropped", "Glyph ")) or " look like " in message  # fonts lack letters
+        return warning.category is UserWarning and known
 
     def save(self, name: str, seed: int, number: int, folder: Path) -> None:
         folder.mkdir(exist_ok=True)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from nonsac.plot.figures import BLUE, INK, ORANGE, new_figure, picture_suffix, write, write_text
 from nonsac.values.checks import number, real_array
 from nonsac.values.numeric import shown
+from nonsac.values.quiet import quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +22,7 @@ Floats = NDArray[np.float64]
 _BEST, _WORST = 0.01, 180.0
 
 
+@quiet
 def boxplot(
     path: str | os.PathLike[str],
     errors: Mapping[str, ArrayLike],

@@ -17,6 +17,7 @@ from nonsac.plot.epipolar import clip, distances_from_lines, far_apart, homogene
 from nonsac.plot.figures import BLUE, INK, ORANGE, picture_suffix, write
 from nonsac.plot.views import Image, Pair, View, new_page, read_mask, read_pair, read_points, read_view, side_by_side
 from nonsac.values.checks import real_array
+from nonsac.values.quiet import quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +35,7 @@ _COLOURS = (
 )
 
 
+@quiet
 def matches(
     path: str | os.PathLike[str],
     points1: ArrayLike,
@@ -79,6 +81,7 @@ def matches(
     write(path, figure, suffix)
 
 
+@quiet
 def epipolar_lines(
     path: str | os.PathLike[str],
     points1: ArrayLike,
@@ -128,6 +131,7 @@ def epipolar_lines(
     write(path, figure, suffix)
 
 
+@quiet
 def two_views(
     path: str | os.PathLike[str],
     points1: ArrayLike,
@@ -173,6 +177,7 @@ def two_views(
     write(path, figure, suffix)
 
 
+@quiet
 def reprojections(
     path: str | os.PathLike[str],
     points2d: ArrayLike,
@@ -226,10 +231,8 @@ def _fundamental(F: ArrayLike) -> Floats:
     matrix = real_array("F", F)
     if matrix.shape != (3, 3):
         raise ValueError(f"F has shape {matrix.shape}; expected (3, 3)")
-    if not np.isfinite(matrix).all():
-        raise ValueError("F holds numbers that are not finite; expected a fundamental matrix")
-    size = np.abs(matrix).max()
-    return matrix / size if size > 0.0 else matrix
+    size = np.abs(matrix).max()  # NaN for a pose that failed
+    return matrix / size if 0.0 < size < np.inf else matrix
 
 
 # --- what is drawn -------------------------------------------------------

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.plot.figures import BLUE, ORANGE, new_figure, picture_suffix, write, write_text
 from nonsac.values.checks import real_array
+from nonsac.values.quiet import quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +26,7 @@ _LEFT = (0.035, 0.357, 0.679)
 _BOTH_WAYS = np.array([-1.0, 1.0])
 
 
+@quiet
 def clouds(
     path: str | os.PathLike[str], source: ArrayLike, target: ArrayLike, T: ArrayLike, title: str | None = None
 ) -> None:

@@ -121,6 +121,8 @@ def _pale(name: str, image: Image) -> Floats:
 
     try:
         array = np.asarray(imread(os.fspath(image)) if isinstance(image, (str, os.PathLike)) else image)
+    except FileNotFoundError:
+        raise
     except (OSError, ValueError) as error:
         raise ValueError(f"{name} is {shown(image)}, which cannot be read as an image ({error})") from error
     if array.size == 0 or not (array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (3, 4))):

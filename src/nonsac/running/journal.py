@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Self
 
 from nonsac.files.content import check_regular
 from nonsac.files.errors import input_error
-from nonsac.values.numeric import shown
+from nonsac.values.numeric import printable
 
 __all__ = ["Journal"]
 
@@ -224,7 +224,5 @@ def _parsed(path: Path, check: Check) -> _Content:
 def _check_settings(path: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
     for key in {**before, **now}:
         if before.get(key) != now.get(key):
-            raise ValueError(
-                f"{path} is of a run with {shown(key)} {shown(before.get(key))}, not {shown(now.get(key))}; "
-                "resume with the settings of that run, or remove the file"
-            )
+            told = f"{path} is of a run with {key} {before.get(key)!r}, not {now.get(key)!r}"
+            raise ValueError(printable(f"{told}; resume with the settings of that run, or remove the file"))
