@@ -80,11 +80,11 @@ def test_a_named_pipe_of_text(tmp_path):
     os.mkfifo(path)
 
     def write():
-        time.sleep(0.2)
+        time.sleep(0.2)  # the reader comes first
         with path.open("w") as file:
             file.write("z,y,x\n1,2,3\n")
             file.flush()
-            time.sleep(0.2)
+            time.sleep(0.2)  # and finds the pipe empty for a while
             file.write("4,5,6\n")
 
     writer = threading.Thread(target=write)

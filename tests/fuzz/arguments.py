@@ -676,9 +676,9 @@ CALLS: dict[str, Call] = {
     "open_matches": Call(
         _open_matches,
         lambda: {"files": ["a.txt"], "images": (), "columns": None, "dataset": None},
-        names=("a.txt", "no such file", "is a folder", "the file name"),
+        names=("a.txt", "no such file", "is a folder"),
     ),
-    "read_cloud": Call(_example(nio.read_cloud), lambda: {"path": "a.npy"}),
+    "read_cloud": Call(_example(nio.read_cloud), lambda: {"path": "a.npy"}, names=("the file name",)),
     "write_cloud": Call(
         _write_cloud, lambda: {"path": "a.ply", "points": _pairs().source}, names=("suffix", "a.ply", "folder")
     ),

@@ -90,6 +90,7 @@ def test_truth_is_no_number(name):
     ("name", "wrong", "message"),
     [
         ("noise", -1.0, "noise must be a positive number, the standard deviation of an inlier, or None, got -1.0"),
+        ("noise", 1e300, r"noise must be from 1e-100 to 1e\+100, or None, got 1e\+300"),
         ("time_limit", "3", "time_limit must be a positive number of seconds, or None, got '3'"),
         ("samples", 10**7, "samples must be at most 1,000,000, got 10000000"),
         ("max_samples", "auto", "max_samples must be an integer of at least 1, got 'auto'"),

@@ -21,6 +21,12 @@ def test_a_wrong_scale_is_refused_by_name(scale):
         Registration(scale)
 
 
+@pytest.mark.parametrize("scale", [1e-300, 1e101])
+def test_a_scale_whose_cube_is_no_number_is_refused(scale):
+    with pytest.raises(ValueError, match=r"scale must be from 1e-100 to 1e\+100, got "):
+        Registration(scale)
+
+
 @pytest.mark.parametrize("scale", ["1", [1.0, 2.0], 1j])
 def test_a_scale_of_the_wrong_type_is_refused_by_name(scale):
     with pytest.raises((TypeError, ValueError), match="scale"):

@@ -49,7 +49,7 @@ def is_of_a_matcher(path: FilePath, but_for: Iterable[Sequence[str]] = ()) -> bo
     try:
         with zipfile.ZipFile(path) as file:
             names = {name.removesuffix(".npy") for name in file.namelist()}
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):  # the usual reader says what is wrong
         return False
     if any(set(pair) <= names for pair in but_for):
         return False

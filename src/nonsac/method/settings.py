@@ -5,14 +5,13 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-import sys
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar
 
 # Nothing heavy is imported before it is used: the command line shows the settings in its `--help`.
-from nonsac.values.numeric import as_real, as_whole, shown
+from nonsac.values.numeric import LEAST, MOST, as_real, as_whole, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,8 +92,10 @@ def _positive(name: str, meaning: str) -> Callable[[Any], float | None]:
         if value is None:
             return None
         number = as_real(value)
-        if not sys.float_info.min <= number < math.inf:
+        if not 0.0 < number < math.inf:
             raise ValueError(f"{name} must be a positive number{meaning}, or None, got {shown(value)}")
+        if not LEAST <= number <= MOST:
+            raise ValueError(f"{name} must be from {LEAST:g} to {MOST:g}, or None, got {shown(value)}")
         return number
 
     return check

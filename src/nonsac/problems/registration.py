@@ -22,7 +22,7 @@ from nonsac.problems.covariance import at_origin, robust_covariance
 from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
 from nonsac.problems.pose import homogeneous, rotation_distance
-from nonsac.values.numeric import as_real, shown
+from nonsac.values.numeric import LEAST, MOST, as_real, shown
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,8 @@ class Registration(Streaming, Problem):
             return
         if not 0 < as_real(self.scale) < np.inf:
             raise ValueError(f"scale must be positive, or None to estimate it, got {shown(self.scale)}")
+        if not LEAST <= as_real(self.scale) <= MOST:
+            raise ValueError(f"scale must be from {LEAST:g} to {MOST:g}, got {shown(self.scale)}")
         object.__setattr__(self, "scale", as_real(self.scale))  # other types would compile the kernels anew
 
     def solve_minimal(self, samples: Array) -> Array:

@@ -25,6 +25,7 @@ from nonsac.sources.columns import arranged, places_in, unfit
 from nonsac.sources.contract import Source
 from nonsac.values.checks import file_name, listed
 from nonsac.values.numeric import shown
+from nonsac.values.quiet import quiet
 
 Columns = Sequence[str | int] | None
 _KNOWN = (MATCHES, POINTS, PAIRS)
@@ -270,6 +271,7 @@ def _weights(archive: Archive, rows: int) -> NDArray[Any]:
     return weights[:, None]
 
 
+@quiet
 def _of_numbers(path: str, parts: Sequence[NDArray[Any]], layout: Layout | None = None) -> ArraySource:
     if any(part.ndim == 0 or 0 in part.shape[1:] for part in parts):
         raise input_error(path, "holds single numbers or nothing where rows are", "save one row for every match")

@@ -7,6 +7,7 @@ import re
 from numbers import Integral, Real
 from typing import Any
 
+LEAST, MOST = 1e-100, 1e100  # of lengths and scales: squares and cubes of them are numbers, too
 _LONGEST = 80  # characters of what came that a message shows
 
 
