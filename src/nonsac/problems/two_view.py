@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from nonsac.kernels.pose_math import rotate
 from nonsac.layouts import Array
 
 _TRIPLETS = 40
@@ -83,30 +83,30 @@ def miscalibrated_rotation(turned: Array, rows: Array, least: float) -> tuple[Ar
     normalised coordinates. Misfit that grows towards the edge looks like parallax: a rotation seen with a wrong
     calibration may have a translation that explains all matches. Real parallax leaves as much as before, and ends it.
     """
-    turn, place, first = turned[:, :3], np.zeros(2), np.inf
+    turned, place, first = np.array(turned, np.float64), np.zeros(2), np.inf
     for number in range(_STEPS):
-        misfit, seen = _misfit(turn, place, rows)
+        misfit, seen = _misfit(turned, place, rows)
         lengths = np.linalg.norm(misfit, axis=1)
         middle = float(np.median(lengths))
         first = middle if number == 0 else first
         if number == 2 and middle > max(0.5 * first, 2.0 * least):
             break
         weights = 1.0 / (1.0 + (lengths / max(least, middle)) ** 2)
-        steps = [_misfit(turn, place + unit, rows)[0] - misfit for unit in _SMALL * np.eye(2)]
+        steps = [_misfit(turned, place + unit, rows)[0] - misfit for unit in _SMALL * np.eye(2)]
         slopes = np.concatenate([_slopes_of_turn(seen) * np.exp(-place[0]), np.stack(steps, axis=-1) / _SMALL], axis=-1)
         weighted = (weights[:, None, None] * slopes).reshape(-1, 5).T
         gradient = weighted @ misfit.ravel()
         step = np.linalg.lstsq(weighted @ slopes.reshape(-1, 5), gradient, rcond=1e-12)[0]
-        turn = Rotation.from_rotvec(-step[:3]).as_matrix() @ turn
+        rotate(turned, *-step[:3])
         place = np.clip(place - step[3:], -_LARGEST_MISTAKE, _LARGEST_MISTAKE)
-    return np.column_stack([turn, turned[:, 3]]), Miscalibration.at(place)
+    return turned, Miscalibration.at(place)
 
 
-def _misfit(turn: Array, place: Array, rows: Array) -> tuple[Array, Array]:
+def _misfit(turned: Array, place: Array, rows: Array) -> tuple[Array, Array]:
     """How far the second points are from where they are seen, in given coordinates; and where, in right ones."""
     mistake = Miscalibration.at(place)
     corrected = mistake.corrected(rows)
-    ray = corrected[:, :2] @ turn[:, :2].T + turn[:, 2]
+    ray = corrected[:, :2] @ turned[:, :2].T + turned[:, 2]
     seen = ray[:, :2] / np.where(ray[:, 2:] > 0.0, ray[:, 2:], np.nan)
     return np.nan_to_num((seen - corrected[:, 2:]) / mistake.scale, nan=1.0), np.nan_to_num(seen)
 
