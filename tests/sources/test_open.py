@@ -473,3 +473,13 @@ def test_a_layout_of_ones_own_finds_its_only_array_in_an_archive(tmp_path):
         np.testing.assert_array_equal(
             nonsac.open_source(tmp_path / "rows.npz", layout=layout).take(np.arange(12)), ROWS
         )
+
+
+def test_names_of_datasets_that_are_no_text_are_shown(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in (b"rows\xff", b"others"):
+            file.create_dataset(name, data=np.ones((5, 4)))
+    for wanted in (None, "x"):
+        with pytest.raises(nonsac.InputError, match="rows\ufffd"):
+            nonsac.open_source(tmp_path / "a.h5", dataset=wanted)

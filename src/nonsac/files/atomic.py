@@ -1,11 +1,11 @@
 """Write files so that a reader sees either the old content or the whole new one."""
 
-import errno
 import os
 import secrets
 from collections.abc import Callable
 from pathlib import Path
 
+from nonsac.files.content import check_name
 from nonsac.files.errors import FilePath, input_error
 
 
@@ -47,7 +47,7 @@ def check_target(path: FilePath) -> None:
     InputError
         If the folder is missing or write-protected, the target is not a regular file, or its name cannot be one.
     """
-    _check_name(path)
+    check_name(path)
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise input_error(path, f"the folder {target.parent} does not exist", "create it first")
@@ -55,16 +55,6 @@ def check_target(path: FilePath) -> None:
         raise input_error(path, "is a folder or a device, not a file", "give the name of a file")
     if not os.access(target.parent, os.W_OK):
         raise input_error(path, f"the folder {target.parent} is write-protected", "choose another one")
-
-
-def _check_name(path: FilePath) -> None:
-    try:
-        os.stat(path)
-    except ValueError as error:  # a NUL character, or one that the file system cannot spell
-        raise input_error(path, f"cannot be the name of a file ({error})", "correct the path") from error
-    except OSError as error:
-        if error.errno == errno.ENAMETOOLONG:
-            raise input_error(path, "the name is too long for the system", "shorten it") from error
 
 
 def _flush_to_disk(path: Path) -> None:

@@ -130,10 +130,22 @@ def status_of(path: FilePath) -> os.stat_result:
     """What the system knows of a file, or the error that says why it knows nothing."""
     try:
         return os.stat(path)
+    except ValueError:
+        check_name(path)
+        raise
     except OSError as error:
         raise unreadable(path, error) from error
+
+
+def check_name(path: FilePath) -> None:
+    """Refuse what no file can be called, be there one or not."""
+    try:
+        os.stat(path)
     except ValueError as error:  # a NUL character, or one that the file system cannot spell
         raise input_error(path, f"cannot be the name of a file ({error})", "correct the path") from error
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise unreadable(path, error) from error
 
 
 def not_regular(path: FilePath, status: os.stat_result) -> InputError:

@@ -53,6 +53,17 @@ def open_hdf5(path: FilePath, files: str = "HDF5 files", extra: str = "hdf5") ->
         raise input_error(path, problem, "close it elsewhere, or copy or compute it again") from error
 
 
+def nodes_of(group: Any) -> list[tuple[str, Any]]:
+    """All groups and datasets in a group, with their paths in it, of which some bytes may be no text."""
+    found: list[tuple[str, Any]] = []
+
+    def visit(name: str | bytes, node: Any) -> None:
+        found.append((name if isinstance(name, str) else name.decode("utf-8", "replace"), node))
+
+    group.visititems(visit)
+    return found
+
+
 @dataclass(frozen=True)
 class Parts:
     """Checks that a dataset is all there: HDF5 itself takes parts that are missing for fill values.

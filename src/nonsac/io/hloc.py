@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from nonsac.files.arrays import as_rows
 from nonsac.files.errors import FilePath, input_error, not_held
-from nonsac.files.hdf5 import Parts, open_hdf5, read_dataset
+from nonsac.files.hdf5 import Parts, nodes_of, open_hdf5, read_dataset
 from nonsac.io.correspondences import Matches, Points
 
 _NEEDS = ("the files of hloc", "hloc")
@@ -133,17 +133,9 @@ def _is_plain_array(path: FilePath, file: Any, name: str) -> bool:
 
 def _names(file: Any, dataset: str) -> list[str]:
     """Return the names of all groups that hold the data set or, if there are none, of all arrays (n, 2)."""
-    groups: list[str] = []
-    arrays: list[str] = []
-
-    def visit(name: str, node: Any) -> None:
-        if name.rpartition("/")[2] == dataset:
-            groups.append(name.rpartition("/")[0])
-        elif getattr(node, "ndim", 0) == 2:
-            arrays.append(name)
-
-    file.visititems(visit)
-    return groups or arrays
+    nodes = nodes_of(file)
+    groups = [name.rpartition("/")[0] for name, _ in nodes if name.rpartition("/")[2] == dataset]
+    return groups or [name for name, node in nodes if getattr(node, "ndim", 0) == 2]
 
 
 def _read(path: FilePath, group: Any, name: str, kinds: str) -> NDArray[Any]:

@@ -106,7 +106,7 @@ def taken(source: Source, indices: NDArray[np.int64]) -> Array:
         kind = f"{rows.dtype} {rows.shape}" if isinstance(rows, np.ndarray) else type(rows).__name__
         raise ContractBroken(
             f"{type(source).__name__}.take gave {kind} for {len(indices)} rows of {source.width} columns: return a "
-            "float64 array (len(indices), width)"
+            "float64 array (len(indices), width), as a source must"
         )
     return rows
 

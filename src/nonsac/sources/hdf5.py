@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nonsac.files.claims import check_expansion, check_width
 from nonsac.files.errors import FilePath, not_held
-from nonsac.files.hdf5 import Parts, open_hdf5
+from nonsac.files.hdf5 import Parts, nodes_of, open_hdf5
 from nonsac.files.paths import changed, stamp_of
 from nonsac.files.positioned import PositionedFile
 from nonsac.files.records import truncated
@@ -124,8 +124,7 @@ def _position(opened: Any, dataset: Any) -> int:
 def _find(parts: Parts, opened: Any, name: str) -> Any:
     found = parts.find(opened, name)
     if not hasattr(found, "shape"):
-        names: list[str] = []
-        opened.visititems(lambda key, node: names.append(key) if hasattr(node, "shape") else None)
+        names = [key for key, node in nodes_of(opened) if hasattr(node, "shape")]
         raise not_held(parts.path, f"dataset {name!r}", names)
     real_dtype(parts.path, found.dtype, f"a dataset {name!r}")
     parts.check(found, name)

@@ -288,19 +288,12 @@ def _of_numbers(path: str, parts: Sequence[NDArray[Any]], layout: Layout | None 
 
 def _datasets(path: str, asked: _Asked) -> str | Sequence[str]:
     """The datasets of an HDF5 file that hold the columns of the layout, or else the only one (n, D) of numbers."""
-    from nonsac.files.hdf5 import open_hdf5
-
-    tables: list[str] = []
-    columns: list[str] = []
-
-    def visit(name: str, item: Any) -> None:
-        if _is_table(item):
-            tables.append(name)
-        elif _is_column(item) and "/" not in name:
-            columns.append(name)
+    from nonsac.files.hdf5 import nodes_of, open_hdf5
 
     with open_hdf5(path) as file:
-        file.visititems(visit)
+        nodes = nodes_of(file)
+        tables = [name for name, node in nodes if _is_table(node)]
+        columns = [name for name, node in nodes if "/" not in name and _is_column(node)]
     return _named_in(path, asked, columns, tables) or _the_only(path, tables)
 
 
