@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.plot.figures import BLUE, ORANGE, new_figure, picture_suffix, write, write_text
 from nonsac.values.checks import real_array
+from nonsac.values.numeric import MOST, shown
 from nonsac.values.quiet import quiet
 
 if TYPE_CHECKING:
@@ -57,10 +58,12 @@ def clouds(
     if transform.shape != (4, 4):
         raise ValueError(f"T has shape {transform.shape}; expected (4, 4)")
     figure = new_figure(12.0, 8.0)
-    if title:
+    if title is not None:
+        if not isinstance(title, str):
+            raise TypeError(f"title must be a string, got {shown(title)}")
         write_text(figure, 0.5, 0.965, title, 17)
     _row_of_views(figure, 0, "before", before, fixed)
-    if np.isfinite(transform).all():
+    if (np.abs(transform) <= MOST).all():
         _row_of_views(figure, 1, "after", before @ transform[:3, :3].T + transform[:3, 3], fixed)
     else:
         write_text(figure, 0.5, 0.25, "no trusted alignment", 24, color="#999999")
@@ -74,13 +77,15 @@ def _thin(name: str, cloud: ArrayLike) -> Floats:
     points = np.asanyarray(cloud)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"{name} has shape {points.shape}; expected (n, 3)")
+    if points.dtype.kind not in "fiub":
+        raise TypeError(f"{name} is of type {points.dtype}; expected real numbers")
     if len(points) > _MOST_POINTS:
         # Random rather than every k-th row: scans are stored line by line, a stride would show as stripes.
         # More rows than needed, because range scans hold NaN where nothing was hit.
         some = min(len(points), 8 * _MOST_POINTS)
         points = points[np.random.default_rng(0).choice(len(points), some, replace=False)]
     points = np.asarray(points, dtype=np.float64)
-    points = points[np.isfinite(points).all(axis=1)]
+    points = points[(np.abs(points) <= MOST).all(axis=1)]
     if not len(points):
         raise ValueError(f"{name} has no finite point; expected at least one")
     return np.asarray(points[:_MOST_POINTS])

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nonsac.plot.figures import new_figure, write_text
-from nonsac.values.checks import real_array
+from nonsac.values.arraylike import as_array
+from nonsac.values.checks import file_name, real_array
 from nonsac.values.numeric import shown
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def read_points(name: str, points: ArrayLike, count: int | None = None) -> Float
 
 
 def read_mask(inliers: ArrayLike, count: int) -> NDArray[np.bool_]:
-    mask = np.asarray(inliers)
+    mask = as_array(inliers, "inliers", f"an array of {count} truth values")
     if mask.shape != (count,) or mask.dtype != np.bool_:
         raise ValueError(f"inliers has shape {mask.shape} of {mask.dtype}; expected ({count},) of bool")
     return mask
@@ -120,7 +121,7 @@ def _pale(name: str, image: Image) -> Floats:
     from matplotlib.image import imread
 
     try:
-        array = np.asarray(imread(os.fspath(image)) if isinstance(image, (str, os.PathLike)) else image)
+        array = np.asarray(imread(file_name(name, image)) if isinstance(image, (str, os.PathLike)) else image)
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:

@@ -23,7 +23,7 @@ from nonsac.layouts import MATCHES, PAIRS, POINTS, WEIGHT, Layout
 from nonsac.sources.array import ArraySource
 from nonsac.sources.columns import arranged, places_in, unfit
 from nonsac.sources.contract import Source
-from nonsac.values.checks import file_name, listed
+from nonsac.values.checks import file_name, listed, whole_number
 from nonsac.values.numeric import shown
 from nonsac.values.quiet import quiet
 
@@ -94,7 +94,7 @@ def _check_types(path: Any, layout: Any, columns: Any, dataset: Any) -> None:
         file_name("path", name)
     if layout is not None and not isinstance(layout, (str, Layout)):
         raise TypeError(f'layout must be a nonsac.Layout or a string such as "x1 y1 | x2 y2", got {shown(layout)}')
-    if columns is not None and not isinstance(columns, Sequence) and not np.ndim(columns):
+    if columns is not None and not isinstance(columns, Sequence) and np.ndim(columns) != 1:
         raise TypeError(f"columns must be a sequence of positions or names, got {shown(columns)}")
     if dataset is not None and not isinstance(dataset, str):
         raise TypeError(f"dataset must be the name of an array, got {shown(dataset)}")
@@ -214,7 +214,7 @@ def _check_numbers(path: str, layout: Layout, names: Sequence[str], others: Mapp
 def _open_npz(path: str, asked: _Asked) -> Source:
     if asked.dataset is not None:
         return _narrowed(path, _named_array(path, asked.dataset), asked.columns)
-    return _narrowed(path, _open_archive(path, None if asked.columns else asked.layout), asked.columns)
+    return _narrowed(path, _open_archive(path, asked.layout if asked.columns is None else None), asked.columns)
 
 
 def _named_array(path: str, name: str) -> ArraySource:
@@ -402,7 +402,8 @@ def _narrowed(path: str, source: ArraySource, columns: Columns) -> ArraySource:
         return source
     if any(isinstance(column, str) for column in columns):
         raise input_error(path, "the columns of its arrays have no names", "give their positions, from 0")
-    return ArraySource(source.rows[:, _within(path, source.width, [int(column) for column in columns])])
+    places = [whole_number("columns", column, 0) for column in columns]
+    return ArraySource(source.rows[:, _within(path, source.width, places)])
 
 
 def _within(path: str, width: int, columns: list[int]) -> list[int]:
