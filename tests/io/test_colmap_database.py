@@ -196,6 +196,11 @@ def test_damaged_rows(path, refused, statement, expected):
     assert expected in refused(read_colmap_pair, path, 3, 7)
 
 
+def test_an_index_that_names_a_row_which_is_not_there(path, refused, monkeypatch):
+    monkeypatch.setattr(colmap_database, "_find_image", lambda path, database, image: {"b.jpg": 7}.get(image, 10**12))
+    assert "its index does not find image 1000000000000" in refused(read_colmap_pair, path, "sub/a b.jpg", "b.jpg")
+
+
 def test_damaged_files(path, make_file, refused, tmp_path):
     whole = path.read_bytes()
     for size in (20, 99, 4096, len(whole) // 2):

@@ -151,7 +151,10 @@ def _find_cameras(path: FilePath, database: sqlite3.Connection, numbers: Sequenc
     cameras: dict[Any, Any] = {}
     found = []
     for number in numbers:
-        (shared,) = database.execute("SELECT camera_id FROM images WHERE image_id = ?", (number,)).fetchone()
+        row = database.execute("SELECT camera_id FROM images WHERE image_id = ?", (number,)).fetchone()
+        if row is None:  # though it was found by its name
+            raise _damaged(path, f"its index does not find image {number}")
+        (shared,) = row
         if shared not in cameras:
             cameras[shared] = camera_or_error(partial(_describe_camera, path, database, number))
         found.append(cameras[shared])
