@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import version
@@ -31,6 +31,7 @@ class Status(StrEnum):
     DEGENERATE = "degenerate"
     LOW_SUPPORT = "low_support"
     AMBIGUOUS = "ambiguous"
+    UNCERTAIN = "uncertain"
     TIME_LIMIT = "time_limit"
 
     @property
@@ -44,6 +45,7 @@ _EXPLANATIONS = {
     Status.DEGENERATE: "the data do not determine an answer (identical or collinear points, or no baseline)",
     Status.LOW_SUPPORT: "no answer has more support than chance, or than a partly correct answer, would have",
     Status.AMBIGUOUS: "clearly different answers fit the data about equally well (see alternatives)",
+    Status.UNCERTAIN: "the data leave the answer more uncertain than is allowed (see uncertainty, max_uncertainty)",
     Status.TIME_LIMIT: "the time limit was reached before there was an answer to be trusted",
 }
 
@@ -58,6 +60,7 @@ class Remark(StrEnum):
     PLANAR = "planar"
     PURE_ROTATION = "pure rotation"
     PARTLY_RIGHT = "partly right"
+    SLIPPING = "slipping"
     NOISE_LARGER = "noise is larger than given"
     NOISE_SMALLER = "noise is smaller than given"
     NOT_FITTED_TO_ALL = "not fitted to all rows"
@@ -79,7 +82,8 @@ class Remark(StrEnum):
 _REMARKS = {
     Remark.PLANAR: "all inliers lie near one plane, which may allow a second pose",
     Remark.PURE_ROTATION: "a rotation without a baseline explains all inliers, so that the translation means nothing",
-    Remark.PARTLY_RIGHT: "the inliers are spread over the threshold, as those of a model near a wrong optimum are",
+    Remark.PARTLY_RIGHT: "parts of the inliers ask for different models, or they are spread over the threshold",
+    Remark.SLIPPING: "models beside the answer explain many rows that it does not, or the noise is larger than given",
     Remark.NOISE_LARGER: "the inliers show more noise than was given, by a factor of three or more",
     Remark.NOISE_SMALLER: "the inliers show less noise than was given, by a factor of three or more",
     Remark.NOT_FITTED_TO_ALL: "the answer is the one fitted to some rows",
@@ -89,6 +93,36 @@ _REMARKS = {
     Remark.OTHER_IMAGE: "was an image resized, are x and y exchanged, or is it another camera's",
     Remark.SIZES_DIFFER: "one cloud is at least three times as large as the other, and no scale is estimated",
 }
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How far an answer may be off: 95 % of errors are less, if the inliers are true and their errors independent.
+
+    Attributes
+    ----------
+    rotation : float
+        Angle, in degrees.
+    translation : float
+        Of a relative pose the angle of its direction, in degrees; otherwise a length, in the unit of the target or the
+        world.
+    angle : float
+        The translation as an angle, in degrees: as it shows from the middle of the scene (camera poses), or as a turn
+        by it would (registrations, as a share of the extent). It is bounded by twice `max_uncertainty`, and the
+        rotation by `max_uncertainty`.
+    """
+
+    rotation: float
+    translation: float
+    angle: float
+
+    def within(self, degrees: float) -> float:
+        """How large it is, as a share of what is allowed."""
+        return max(self.rotation, 0.5 * self.angle) / degrees
+
+    def times(self, factor: float) -> Uncertainty:
+        """A multiple of it."""
+        return Uncertainty(factor * self.rotation, factor * self.translation, factor * self.angle)
 
 
 class FailedEstimation(RuntimeError):
@@ -227,9 +261,13 @@ class Result:
         from fifty on; 1 would be exact. Relative poses are the limit: 1.25 with 20 inliers and 90 % outliers, 1.3 with
         200 inliers and 97 %, because a few outliers that fit by chance, far from all inliers, decide much. Infinite
         if too few inliers are left to tell the noise (relative poses: seven or fewer).
+    uncertainty : Uncertainty or None
+        What the covariance means in degrees and lengths, with matches of one place counted once. None if `covariance`
+        is.
     info : dict
         `seed`, `version`, `seconds` per stage, `samples`, `sample_size`, counts of dropped rows, `remarks` on special
-        cases such as "planar", `passes` over all rows with refine="full", `peak_memory` of the process in bytes, ...
+        cases such as "planar", `tests` (what the verdict rests on, see docs/verdict.md), `passes` over all rows with
+        refine="full", `peak_memory` of the process in bytes, ...
     evidence : Evidence
         The problem, and where `residuals` and `inliers` come from.
     """
@@ -244,6 +282,7 @@ class Result:
     hypotheses: tuple[Hypothesis, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     covariance: Array | None = None
+    uncertainty: Uncertainty | None = None
     info: dict[str, Any] = field(default_factory=dict)
     evidence: Evidence | None = field(default=None, repr=False)
 
@@ -383,6 +422,7 @@ class Result:
             "noise": _plain(self.noise),
             "threshold": _plain(self.threshold),
             "covariance": _plain(self.covariance),
+            "uncertainty": None if self.uncertainty is None else _plain(asdict(self.uncertainty)),
             "alternatives": [
                 {"T": _plain(a.T), "support": _plain(a.support)}
                 if a.T is not None

@@ -119,6 +119,7 @@ READ = {
     ("sample_size", "auto"): "auto",
     ("sample_size", "5"): 5,
     ("max_samples", "12"): 12,
+    ("max_uncertainty", "3"): 3.0,
     ("time_limit", "2"): 2.0,
     ("max_memory", "500 MB"): "500 MB",
     ("max_memory", "64000000"): "64000000",

@@ -41,7 +41,16 @@ def test_help_and_version(run):
 
 
 SHARED = {"--samples", "--sample-size", "--seed", "--workers", "--output", "--picture", "--json", "--quiet", "--help"}
-ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--time-limit", "--columns", "--dataset"}
+ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--max-uncertainty", "--time-limit", "--columns"}
+ROWS |= {"--dataset"}
+    "--noise",
+    "--save-inliers",
+    "--max-samples",
+    "--max-uncertainty",
+    "--time-limit",
+    "--columns",
+    "--dataset",
+}
 ROWS |= {"--max-memory", "--estimator", "--rule", "--refine"}
 OPTIONS = {
     "register-clouds": SHARED | {"--save-aligned"},

@@ -72,7 +72,7 @@ def test_json_is_all_of_stdout_and_the_same_as_the_library_says(scans, run, elep
 @pytest.mark.parametrize(("noise", "remark"), [(0.05, "noise is smaller than given"), (0.001, "noise is larger")])
 def test_a_wrong_noise_is_remarked_on_with_its_factor(matches, run, noise, remark):
     _, out, _ = run("register-pairs", "pairs.npy", "--noise", noise)
-    [line] = [line for line in out.splitlines() if "remark" in line]
+    [line] = [line for line in out.splitlines() if "remark: noise" in line]
     assert line.startswith(f"  remark: {remark}")
     assert float(line.split("by a factor of ")[1]) > 3.0
 

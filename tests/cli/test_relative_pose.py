@@ -167,6 +167,7 @@ def test_options_are_passed_on(table, views, monkeypatch, run):
         "samples": 3,
         "sample_size": 50,
         "max_samples": 9,
+        "max_uncertainty": 3.0,
         "time_limit": 60.0,
         "max_memory": "1 GB",
         "estimator": "ransac",

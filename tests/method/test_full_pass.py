@@ -13,10 +13,9 @@ from nonsac.clouds.problem import OrientedRegistration
 from nonsac.layouts import Rows
 from nonsac.method.full_pass import FullFit, SumTask, _at_work, first_pass, piece_bounds
 from nonsac.method.mixture import Mixture
-from nonsac.method.noise import measured_noise
 from nonsac.method.refine import Refinement
+from nonsac.method.residuals import Residuals, measured_noise
 from nonsac.method.search import SampleTask, Search
-from nonsac.method.verdict import Residuals
 from nonsac.problems import AbsolutePose, Noise, Registration, RelativePose
 from nonsac.problems.normal_equations import weighted
 from nonsac.result import Status

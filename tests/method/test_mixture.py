@@ -7,7 +7,7 @@ from nonsac import Registration, RelativePose, simulate
 from nonsac.evaluation import rotation_error
 from nonsac.layouts import Rows
 from nonsac.method.mixture import Mixture, mixture_fit
-from nonsac.method.verdict import Residuals
+from nonsac.method.residuals import Residuals
 from nonsac.problems.fits import reweighted_fit
 
 NOISE = 0.02

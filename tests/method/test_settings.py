@@ -117,6 +117,7 @@ TEXTS = [
     ("samples", "12", 12),
     ("sample_size", "300", 300),
     ("max_samples", "50", 50),
+    ("max_uncertainty", "2.5", 2.5),
     ("time_limit", "1.5", 1.5),
     ("max_memory", "500 MB", 500_000_000),
     ("max_memory", "1000000", 10**6),

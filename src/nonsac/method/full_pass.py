@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from nonsac.layouts import Array, Rows, hashed
 from nonsac.method.mixture import Mixture
-from nonsac.method.noise import measured_noise
 from nonsac.method.refine import Refinement
+from nonsac.method.residuals import Residuals, measured_noise
 from nonsac.method.sampling import union_rows
 from nonsac.method.search import Search
 from nonsac.method.union_refit import UnionRefit
-from nonsac.method.verdict import Residuals
 from nonsac.problems.contract import Problem, rows_of
 from nonsac.problems.normal_equations import LikelyInliers, NormalEquations, Streaming, weighted
 from nonsac.result import Remark, Status
@@ -67,15 +66,18 @@ class FullFit(UnionRefit):
             if errors < _SETTLED or number == _MOST_PASSES - 1:
                 break
             task = replace(task, model=task.streaming.moved(task.model, step, task.pivot))
-        covariance = refinement.covariance
+        covariance, uncertainty = refinement.covariance, refinement.uncertainty
         if covariance is not None:
-            covariance = covariance * (refinement.num_inliers / max(sums.inliers, 1))
+            share = refinement.num_inliers / max(sums.inliers, 1)
+            covariance = covariance * share
+            uncertainty = None if uncertainty is None else uncertainty.times(share**0.5)
         return replace(
             refinement,
             model=task.model,
             num_inliers=sums.inliers,
             num_rows=sums.rows,
             covariance=covariance,
+            uncertainty=uncertainty,
             info=refinement.info | {"passes": number + 1},
         )
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nonsac.layouts import Array, Rows
-from nonsac.method.noise import measured_noise, noise_remarks
+from nonsac.method.noise import noise_remarks
+from nonsac.method.residuals import measured_noise
 from nonsac.method.verdict import Candidate, Effort, Verdict, alternative, judge_rows
 from nonsac.problems.contract import Problem
 from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
 from nonsac.problems.noise import Noise
-from nonsac.result import Hypothesis, Status
+from nonsac.result import Hypothesis, Status, Uncertainty
 
 _COVARIANCE_ROWS = 5000
 _RIVAL_ROWS, _NEARLY_AS_MUCH = 20_000, 0.8
@@ -32,12 +33,14 @@ class Judgement:
     noise : float
         That the inliers show.
     covariance : (p, p) float64 or None
+    uncertainty : Uncertainty or None
     """
 
     candidate: Candidate
     verdict: Verdict
     noise: float
     covariance: Array | None
+    uncertainty: Uncertainty | None
 
     @classmethod
     def of(
@@ -50,7 +53,8 @@ class Judgement:
             verdict = _beside_rival(candidate, verdict, hypotheses, effort)
         measured = measured_noise(candidate.residuals, noise.threshold, problem.residual_dimension)
         trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
-        return cls(candidate, verdict, measured, _covariance(candidate) if trusted else None)
+        covariance = _covariance(candidate) if trusted else None
+        return cls(candidate, verdict, measured, covariance, _uncertainty(candidate, covariance))
 
     @property
     def num_inliers(self) -> int:
@@ -89,6 +93,15 @@ def _covariance(candidate: Candidate) -> Array | None:
     some = inliers.some(_COVARIANCE_ROWS)  # it falls with their number
     covariance = candidate.problem.covariance(candidate.model, some.values, candidate.noise)
     return None if covariance is None else covariance * (len(some) / len(inliers))
+
+
+def _uncertainty(candidate: Candidate, covariance: Array | None) -> Uncertainty | None:
+    """What the covariance means, if inliers that say the same count once."""
+    if covariance is None or not candidate.inliers.any():
+        return None
+    inliers = candidate.rows.values[candidate.inliers]
+    found = candidate.problem.uncertainty(covariance, candidate.model, inliers)
+    return None if found is None else found.times(candidate.facts.repetition**0.5)
 
 
 def _beside_rival(candidate: Candidate, verdict: Verdict, hypotheses: Sequence[Hypothesis], effort: Effort) -> Verdict:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import gamma
 
 from nonsac.layouts import Array, Rows
-from nonsac.method.verdict import Residuals, chance_rate
+from nonsac.method.residuals import Residuals, chance_rate
 from nonsac.problems.contract import Problem, refitted
 from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import LikelyInliers

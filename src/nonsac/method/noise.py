@@ -1,52 +1,25 @@
-"""How large the noise of the inliers is: measured on a model, and guessed before there is one."""
+"""How large the noise of the inliers is, before there is a model, and what is said if it was given wrong."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri, xlogy
+from scipy.special import xlogy
 
 from nonsac.estimators.contract import Estimator, checked_hypothesis
 from nonsac.layouts import Array, Rows
-from nonsac.method.verdict import Residuals, background, chance_rate
+from nonsac.method.residuals import Residuals, background, chance_rate, measured_noise
 from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of, solved
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Remark
 
-__all__ = ["attempt", "guessed_noise", "measured_noise", "noise_remarks", "noise_seen_by"]
+__all__ = ["attempt", "guessed_noise", "noise_remarks", "noise_seen_by"]
 
 _RUNGS = 4.0 ** -np.arange(1.0, 7.0)  # thresholds, as shares of the residuals of wrong rows
 _MODELS = 50
 _FALLBACK_SHARE = 0.01
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
-_WINDOWS = 12
 _VERY_DIFFERENT = 3.0
 _ROWS_SEEN, _LOG_CHANCE = 2000, float(np.log(1e-6))
-
-
-def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> float:
-    """Standard deviation of the inliers of a model, from the median of the residuals beyond chance.
-
-    They are looked for within a threshold that is adjusted until it is that of the outcome. NaN if no residuals are
-    beyond chance.
-    """
-    ordered, shuffled = np.sort(residuals.of_rows), np.sort(residuals.background)
-    expected = len(ordered) / len(shuffled) * np.searchsorted(shuffled, ordered, side="right")
-    beyond_chance = np.arange(1, len(ordered) + 1) - expected
-    median = np.sqrt(chdtri(dimension, 0.5))
-    window, noise = threshold, float("nan")
-    for _ in range(_WINDOWS):
-        within = int(np.searchsorted(ordered, window))
-        if not within or beyond_chance[within - 1] <= 0.0:
-            return noise
-        half = int(np.argmax(beyond_chance[:within] >= 0.5 * beyond_chance[within - 1]))
-        noise = float(ordered[half] / median)
-        if ordered[half] > 0.35 * window:  # they go on beyond the window
-            window *= 2.0
-        elif abs(Noise.given(noise).threshold - window) < 0.1 * window:
-            break
-        else:
-            window = max(Noise.given(noise).threshold, 1e-300)
-    return noise
 
 
 def noise_remarks(measured: float, given: float) -> tuple[str, ...]:

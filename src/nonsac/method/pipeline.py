@@ -11,6 +11,7 @@ import numpy as np
 from nonsac.estimators.contract import Estimator
 from nonsac.method import scoring
 from nonsac.method.budget import Budget, kept, next_round, next_size
+from nonsac.method.doubts import certainty
 from nonsac.method.noise import guessed_noise
 from nonsac.method.refine import Refinement, refined
 from nonsac.method.search import SampleTask, Search, Stop
@@ -74,7 +75,7 @@ class Method:
             winner, scores = scoring.select(settings.rule, search.hypotheses, search.problem)
             clock.lap("selection")
             found = search.hypotheses[winner].found
-            refinement = refined(settings.refine, search, winner) if found else None
+            refinement = _certain_enough(refined(settings.refine, search, winner), settings) if found else None
             clock.lap("refinement")
             if search.ended or _is_settled(refinement, search.hypotheses):
                 return Answer(search, refinement, scoring.scored(search.hypotheses, scores), clock)
@@ -120,6 +121,7 @@ class Answer:
             hypotheses=self.hypotheses,
             alternatives=refinement.alternatives,
             covariance=refinement.covariance,
+            uncertainty=refinement.uncertainty,
             info=info | refinement.info,
             evidence=evidence,
         )
@@ -172,7 +174,18 @@ def _is_settled(refinement: Refinement | None, hypotheses: list[Hypothesis]) -> 
         return len(hypotheses) >= _ENOUGH_FAILURES and all(h.fault for h in hypotheses)
     if refinement.status is Status.OK:
         return refinement.confidence >= _CLEAR
-    return refinement.status is not Status.LOW_SUPPORT and len(hypotheses) >= _ENOUGH_FOR_SPECIAL_CASES
+    return (
+        refinement.status not in (Status.LOW_SUPPORT, Status.UNCERTAIN) and len(hypotheses) >= _ENOUGH_FOR_SPECIAL_CASES
+    )
+
+
+def _certain_enough(refinement: Refinement, settings: Settings) -> Refinement:
+    """The same, not trusted if it is more uncertain than the settings allow."""
+    if refinement.status is not Status.OK or refinement.uncertainty is None or settings.max_uncertainty is None:
+        return refinement
+    doubt = 1.0 - certainty(refinement.uncertainty.within(settings.max_uncertainty))
+    confidence = max(0.0, refinement.confidence - doubt)
+    return replace(refinement, status=Status.OK if confidence >= 0.5 else Status.UNCERTAIN, confidence=confidence)
 
 
 def _reason(search: Search) -> Status:

@@ -13,7 +13,7 @@ from nonsac.layouts import Array, Rows
 from nonsac.method.judgement import Judgement
 from nonsac.method.search import Search
 from nonsac.problems.contract import ContractBroken, Problem
-from nonsac.result import Alternative, Hypothesis, Remark, Status
+from nonsac.result import Alternative, Hypothesis, Remark, Status, Uncertainty
 
 _MANY_COPIES = 0.1
 
@@ -33,6 +33,7 @@ class Refinement:
         Rows that support the model, of those that it was tested on.
     alternatives : tuple of Alternative
     covariance : (p, p) float64 or None
+    uncertainty : Uncertainty or None
     noise, threshold : float or None
         Those of the refiner, if it has its own.
     measured_noise : float or None
@@ -50,6 +51,7 @@ class Refinement:
     num_rows: int
     alternatives: tuple[Alternative, ...] = ()
     covariance: Array | None = None
+    uncertainty: Uncertainty | None = None
     noise: float | None = None
     threshold: float | None = None
     measured_noise: float | None = None
@@ -87,8 +89,10 @@ class Refinement:
             len(rows),
             verdict.alternatives,
             judgement.covariance,
+            judgement.uncertainty,
             measured_noise=judgement.noise,
             remarks=(*judgement.remarks, *_on_copies(rows)),
+            info={"tests": verdict.tests} if verdict.tests else {},
         )
 
 

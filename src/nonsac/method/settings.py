@@ -37,6 +37,7 @@ class Keywords(TypedDict, total=False):
     samples: int | Auto
     sample_size: int | Auto
     max_samples: int
+    max_uncertainty: float | None
     time_limit: float | None
     max_memory: int | str | None
     rule: str | ScoringRule
@@ -292,6 +293,19 @@ class Settings:
             read_number(1),
             "INTEGER",
             "When --samples auto gives up.",
+        ),
+    )
+    max_uncertainty: float | None = _setting(
+        5.0,
+        Description(
+            "float, optional",
+            "Degrees that the rotation may be uncertain by, at 95 %, and twice as many of the translation, seen as an "
+            "angle; beyond, the status is `UNCERTAIN` (see `Result.uncertainty`). None trusts answers however "
+            "uncertain they are. Problems that do not state an uncertainty are not judged by it.",
+            _positive("max_uncertainty", " of degrees"),
+            read_positive,
+            "DEGREES",
+            "Trust no answer that is more uncertain than this.",
         ),
     )
     time_limit: float | None = _setting(

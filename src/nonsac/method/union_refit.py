@@ -9,10 +9,9 @@ import numpy as np
 from nonsac.estimators.contract import checked_hypothesis
 from nonsac.layouts import Array, Rows
 from nonsac.method.mixture import mixture_fit
-from nonsac.method.noise import measured_noise
 from nonsac.method.refine import Refinement, Refiner
+from nonsac.method.residuals import Residuals, measured_noise
 from nonsac.method.search import Search
-from nonsac.method.verdict import Residuals
 from nonsac.problems.contract import ContractBroken, Problem
 from nonsac.problems.fits import biweight_costs, reweighted_fit
 from nonsac.problems.noise import Noise

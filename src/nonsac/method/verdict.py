@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,41 +12,28 @@ from numpy.typing import NDArray
 from scipy.special import betainc, chdtr, ndtr
 
 from nonsac.layouts import Array, Rows, distinct
-from nonsac.problems.contract import Problem, residuals_of
+from nonsac.method.doubts import certainty, disagreement, slippage
+from nonsac.method.facts import Facts
+from nonsac.method.residuals import Residuals, chance_rate, measured_noise
+from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
 from nonsac.result import Alternative, Remark, Status
 
 _LARGEST_CHANCE = 1e-6
 _CLEAR_LEAD = 4.0
+_LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _MORE_THAN_BACKGROUND, _MORE_THAN_BESIDE = 1.25, 2.0
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether to trust an answer, the answers that the same rows allow besides, and special cases for `info`."""
+    """Whether to trust an answer, what answers the rows allow besides, special cases, and what was measured."""
 
     status: Status
     confidence: float
     alternatives: tuple[Alternative, ...] = ()
     remarks: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """Of all rows, and of the problem's background rows, for one model."""
-
-    of_rows: Array
-    background: Array
-
-    @classmethod
-    def of(cls, problem: Problem, model: Array, rows: Rows) -> Residuals:
-        size = min(50_000, max(6_000, 10 * len(rows)))
-        by_chance = residuals_of(problem, model[None], background(problem, rows.values, size))[0]
-        return cls(residuals_of(problem, model[None], rows.values)[0], by_chance)
-
-    def support(self, threshold: float) -> float:
-        """Share of the rows that are inliers beyond chance."""
-        return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.background, threshold)
+    tests: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +76,17 @@ class Candidate:
         rates = _MORE_THAN_BACKGROUND * rate, chance_rate(of_box, threshold), _MORE_THAN_BESIDE * beside
         return min(max(rates), 1.0)
 
+    @cached_property
+    def facts(self) -> Facts:
+        """Those of the inliers that are independent of each other."""
+        return Facts.of(self.problem, self.model, self.rows.values[self.inliers], len(self.rows), self.noise)
+
+    @cached_property
+    def measured_noise(self) -> float:
+        """The standard deviation that the inliers show, no more than that of the threshold, and not zero."""
+        shown = measured_noise(self.residuals, self.noise.threshold, self.problem.residual_dimension)
+        return float(np.clip(np.nan_to_num(shown, nan=np.inf), _LEAST_SHARE * self.noise.sigma, self.noise.sigma))
+
     def without_copies(self) -> Candidate:
         """The same model on different rows only, if some inliers are copies of others."""
         inliers = self.rows.values[self.inliers]
@@ -120,40 +119,72 @@ def judge_rows(candidate: Candidate, effort: Effort) -> Verdict:
     the probability that data without any matches would have produced such an answer; it must be below one in a
     million. Inliers that share a point count once, because they are no independent evidence.
 
-    *Part of the truth.* A model near a wrong optimum has many true matches within the threshold, too, but these are
-    spread over it, while those of the right model keep within two standard deviations of the noise. Either the inliers
-    beyond chance show this, if the noise is known, or the search was so long that a better model, of which every
-    minimal sample of true matches is a start, would have come up (`_certainty_of_search`).
+    *Part of the truth.* A model near a wrong optimum has many true matches within the threshold, too. The parts of the
+    scene then ask for different models (`doubts.disagreement`). If the noise is known, the inliers must keep to it as
+    well, unless the search was so long that a better model, of which every minimal sample of true matches is a start,
+    would have come up (`_certainty_of_search`).
 
-    The confidence is the lesser of both, 0.5 at either bound. The first test is applied, too, to the inliers that a
-    special case (a rotation without a baseline, a planar scene) does not explain. If they are no more than chance, the
-    data are of that special kind.
+    *Slipping.* Models beside the answer explain next to none of the other rows (`doubts.slippage`).
+
+    The confidence is what the ways to be wrong leave of 1; each takes 0.5 at its bound. The first test is applied, too,
+    to the inliers that a special case (a rotation without a baseline, a planar scene) does not explain. If they are no
+    more than chance, the data are of that special kind.
     """
     candidate = candidate.without_copies()  # copies are no evidence, and would be paired with each other
-    problem, noise, rows = candidate.problem, candidate.noise, len(candidate.rows)
+    problem, noise = candidate.problem, candidate.noise
     inliers = candidate.rows.values[candidate.inliers]
     if _distinct_count(problem, inliers) <= problem.minimal_size:
         return Verdict(Status.LOW_SUPPORT, 0.0)
     if not problem.determined(candidate.model, inliers, noise):
         return Verdict(Status.DEGENERATE, 0.0)
     rate = candidate.chance_rate
-    chance = min(1.0, _chance(problem, inliers, rows, rate) * max(effort.compared, 1))
-    confidence = 1.0 - float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE)))
+    chance = min(1.0, _chance(candidate, np.ones(len(inliers), dtype=np.bool_), rate) * max(effort.compared, 1))
+    tests = {"facts": int(np.count_nonzero(candidate.facts.chosen)), "chance": chance}
+    doubts = [Doubt(float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE))), Status.LOW_SUPPORT)]
     if chance >= _LARGEST_CHANCE:
-        return Verdict(Status.LOW_SUPPORT, confidence)
-    confidence = min(confidence, _certainty_of_whole(candidate, effort.searched))
-    if confidence < 0.5:
-        return Verdict(Status.LOW_SUPPORT, confidence, remarks=(Remark.PARTLY_RIGHT,))
-    return _beside_special_cases(candidate, Verdict(Status.OK, confidence), rate)
+        return _doubted(doubts, tests)
+    parts = disagreement(problem, candidate.model, candidate.rows, noise, candidate.measured_noise)
+    slipping = slippage(problem, candidate.model, candidate.rows, noise, rate)
+    tests |= {"slippage": slipping} if parts is None else {"slippage": slipping, "parts": parts}
+    doubts.append(
+        Doubt(1.0 - _certainty_of_whole(candidate, effort.searched, parts), Status.LOW_SUPPORT, Remark.PARTLY_RIGHT)
+    )
+    doubts.append(Doubt(1.0 - certainty(slipping), Status.LOW_SUPPORT, Remark.SLIPPING))
+    verdict = _doubted(doubts, tests)
+    return _beside_special_cases(candidate, verdict, rate) if verdict.status is Status.OK else verdict
 
 
-def _certainty_of_whole(candidate: Candidate, searched: int) -> float:
-    """How certainly the model is not right in part only."""
+class Doubt(NamedTuple):
+    """A way to be wrong: how likely it is, and what the verdict is if it is too likely."""
+
+    probability: float
+    status: Status
+    remark: Remark | None = None
+
+
+def _doubted(doubts: Sequence[Doubt], tests: dict[str, float]) -> Verdict:
+    """Trust, unless the ways to be wrong are together more likely than not."""
+    worst = max(doubts, key=lambda doubt: doubt.probability)
+    confidence = max(0.0, 1.0 - sum(doubt.probability for doubt in doubts))
+    if confidence >= 0.5 and worst.probability < 0.5:
+        return Verdict(Status.OK, confidence, tests=tests)
+    remarks = () if worst.remark is None else (worst.remark,)
+    return Verdict(worst.status, min(confidence, 0.5), remarks=remarks, tests=tests)
+
+
+def _certainty_of_whole(candidate: Candidate, searched: int, parts: float | None) -> float:
+    """How certainly the model is not right in part only: the parts of the scene agree.
+
+    If too few rows tell, or the problem does not say how uncertain its models are, the search was exhaustive. The
+    inliers must keep to the noise, too, if that is known.
+    """
     problem, noise = candidate.problem, candidate.noise
+    if parts is not None and not noise.known:
+        return certainty(parts)
     whole = _certainty_of_search(candidate.support, searched, problem.minimal_size)
     if noise.known:
         whole = max(whole, _certainty_of_spread(candidate.residuals, noise.threshold, problem.residual_dimension))
-    return whole
+    return whole if parts is None else min(whole, certainty(parts))
 
 
 def _beside_special_cases(candidate: Candidate, verdict: Verdict, rate: float) -> Verdict:
@@ -163,19 +194,26 @@ def _beside_special_cases(candidate: Candidate, verdict: Verdict, rate: float) -
     remarks: list[str] = list(problem.remarks(model, inliers))
     alternatives: list[Alternative] = []
     for case in problem.special_cases(model, inliers, noise):
-        unexplained = inliers[~case.explains]
-        if len(unexplained) > 0.5 * len(inliers) or _chance(problem, unexplained, len(rows), rate) < _LARGEST_CHANCE:
+        unexplained = ~case.explains
+        chance = _chance(candidate, unexplained, rate)
+        if case.displaced is not None:
+            chance = max(chance, _local_chance(candidate, unexplained, *case.displaced(rows)))
+        elif unexplained.mean() > 0.5:
+            continue
+        if chance < _LARGEST_CHANCE:
             continue  # the rows say more than the special case does
         remarks.append(case.name)
         if not case.determined:
-            return Verdict(Status.DEGENERATE, 0.0, remarks=tuple(remarks))
+            return replace(verdict, status=Status.DEGENERATE, confidence=0.0, remarks=tuple(remarks))
         for other in case.others:
             ratios = np.minimum(problem.residuals(np.stack([model, other]), rows) / noise.threshold, 1.0)
             if _lead(*ratios) < _CLEAR_LEAD:
                 alternatives.append(alternative(problem, other, float((ratios[1] < 1.0).mean())))
+    verdict = replace(verdict, remarks=tuple(remarks))
     if not alternatives:
-        return Verdict(verdict.status, verdict.confidence, remarks=tuple(remarks))
-    return Verdict(Status.AMBIGUOUS, min(verdict.confidence, 0.5), tuple(alternatives), tuple(remarks))
+        return verdict
+    confidence = min(verdict.confidence, 0.5)
+    return replace(verdict, status=Status.AMBIGUOUS, confidence=confidence, alternatives=tuple(alternatives))
 
 
 def alternative(problem: Problem, model: Array, support: float) -> Alternative:
@@ -218,12 +256,27 @@ def _lead(ratios: Array, others: Array) -> float:
     return float(gains.sum() / max(np.sqrt((gains**2).sum()), 1e-300))
 
 
-def _chance(problem: Problem, inliers: Array, rows: int, rate: float) -> float:
-    """Probability that one model without any matches has as many distinct inliers among so many rows."""
-    beyond = _distinct_count(problem, inliers) - problem.minimal_size
+def _chance(candidate: Candidate, among: NDArray[np.bool_], rate: float) -> float:
+    """Probability that one model without any matches has as many facts as these inliers (K,) bool hold."""
+    problem, facts = candidate.problem, candidate.facts
+    count = _distinct_count(problem, candidate.rows.values[candidate.inliers][facts.chosen & among])
+    beyond = count - problem.minimal_size
     if beyond <= 0:
         return 1.0
-    return float(betainc(beyond, rows - problem.minimal_size - beyond + 1, rate))  # P(X >= beyond), binomial law
+    rows = facts.rows - problem.minimal_size
+    return float(betainc(beyond, max(rows - beyond, 0) + 1, rate))  # P(X >= beyond), binomial law
+
+
+def _local_chance(candidate: Candidate, among: NDArray[np.bool_], near: NDArray[np.bool_], displaced: Array) -> float:
+    """The same for rows that a special case misses by little, if they were displaced from it at random."""
+    problem, noise = candidate.problem, candidate.noise
+    facts = candidate.facts.chosen & among & near[candidate.inliers]
+    beyond = int(np.count_nonzero(facts)) - problem.minimal_size
+    if beyond <= 0:
+        return 1.0
+    rate = chance_rate(problem.residuals(candidate.model[None], displaced)[0], noise.threshold)
+    rows = int(candidate.facts.share * len(displaced)) - problem.minimal_size
+    return float(betainc(beyond, max(rows - beyond, 0) + 1, rate))
 
 
 def _distinct_count(problem: Problem, rows: Array) -> int:
@@ -233,16 +286,6 @@ def _distinct_count(problem: Problem, rows: Array) -> int:
     return min(len(distinct(half)) for half in halves)
 
 
-def background(problem: Problem, rows: Array, size: int) -> Array:
-    """So many rows as there would be if no model held, the same each time."""
-    return problem.background(rows, size, np.random.default_rng(len(rows)))
-
-
 def _box(rows: Array, size: int) -> Array:
     """So many rows, spread evenly over the box around the given ones."""
     return np.random.default_rng(len(rows)).uniform(rows.min(axis=0), rows.max(axis=0), (size, rows.shape[1]))
-
-
-def chance_rate(residuals: Array, threshold: float) -> float:
-    """Share of inliers among the background rows; half a count is added to be safe."""
-    return (np.count_nonzero(residuals < threshold) + 0.5) / (len(residuals) + 1)

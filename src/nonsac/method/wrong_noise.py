@@ -6,10 +6,11 @@ import numpy as np
 
 from nonsac.layouts import Array, Rows
 from nonsac.method.judgement import effort_of
-from nonsac.method.noise import attempt, guessed_noise, measured_noise, noise_remarks, noise_seen_by
+from nonsac.method.noise import attempt, guessed_noise, noise_remarks, noise_seen_by
 from nonsac.method.refine import Refinement
+from nonsac.method.residuals import Residuals, chance_rate, measured_noise
 from nonsac.method.search import Search
-from nonsac.method.verdict import Candidate, Residuals, chance_rate, judge_rows
+from nonsac.method.verdict import Candidate, judge_rows
 from nonsac.problems.contract import solved
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Remark, Status

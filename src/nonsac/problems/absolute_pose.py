@@ -22,9 +22,21 @@ from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
 from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
-from nonsac.problems.pose import homogeneous, positive, rotation_distance, rotation_is_certain, spread_out
+from nonsac.problems.pose import (
+    RESOLVED,
+    ROTATION,
+    SHIFT,
+    homogeneous,
+    largest_error,
+    likely_length,
+    positive,
+    rotation_distance,
+    rotation_is_certain,
+    spread_out,
+)
 from nonsac.problems.registration import centre
 from nonsac.problems.special_case import SpecialCase
+from nonsac.result import Uncertainty
 
 _SAME_POSE = 3.0  # degrees
 
@@ -96,11 +108,24 @@ class AbsolutePose(Streaming, Problem):
         jacobian = self._derivatives(model, inliers)[1]
         return rotation_is_certain(least_squares_covariance(jacobian, noise.sigma))
 
+    def resolution(self, model: Array, inliers: Array, noise: Noise) -> Array:
+        in_image = RESOLVED * noise.sigma / self.focal
+        in_space = in_image * float(np.median(self._depths(model, inliers)))
+        return np.array([in_image, in_image, in_space, in_space, in_space])
+
+    def standard_errors(self, model: Array, inliers: Array, noise: Noise) -> tuple[float, float]:
+        covariance = least_squares_covariance(self._derivatives(model, inliers)[1], noise.sigma)
+        shift = covariance[3:, 3:] / float(np.median(self._depths(model, inliers))) ** 2
+        return largest_error(covariance[:3, :3]), largest_error(shift)
+
+    def _depths(self, model: Array, rows: Array) -> Array:
+        return np.asarray(rows[:, 2:] @ model[2, :3] + model[2, 3])
+
     def special_cases(self, model: Array, inliers: Array, noise: Noise) -> tuple[SpecialCase, ...]:
         """What a plane explains of these inliers: with little perspective, it allows a second pose."""
         points = inliers[:, 2:]
         centre_of_plane, normal = plane_of_points(points)
-        relief = self.focal * np.abs((points - centre_of_plane) @ normal) / (points @ model[2, :3] + model[2, 3])
+        relief = self.focal * np.abs((points - centre_of_plane) @ normal) / self._depths(model, inliers)
         flat = relief < noise.threshold
         others = np.empty((0, 3, 4))
         if flat.mean() > 0.5:
@@ -115,6 +140,12 @@ class AbsolutePose(Streaming, Problem):
         residuals, jacobian = self._derivatives(model, inliers)
         centred = robust_covariance(residuals, jacobian, noise.threshold)
         return at_origin(centred, model[:, :3] @ centre(inliers)[2:])
+
+    def uncertainty(self, covariance: Array, model: Array, inliers: Array) -> Uncertainty:
+        centred = at_origin(covariance, -model[:, :3] @ centre(inliers)[2:])
+        angle = likely_length(centred[SHIFT, SHIFT]) / float(np.median(self._depths(model, inliers)))
+        rotation = float(np.degrees(likely_length(covariance[ROTATION, ROTATION])))
+        return Uncertainty(rotation, likely_length(covariance[SHIFT, SHIFT]), float(np.degrees(angle)))
 
     def pivot(self, rows: Array) -> Array:
         """A point amid the world's (3,)."""

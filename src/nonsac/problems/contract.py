@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from nonsac.problems.noise import Noise
     from nonsac.problems.normal_equations import Streaming
     from nonsac.problems.special_case import SpecialCase
+    from nonsac.result import Uncertainty
 
 _BLOCK = 2**20  # residuals that are held at once
 
@@ -120,6 +121,22 @@ class Problem(ABC):
         """
         return len(np.unique(inliers[np.isfinite(inliers).all(axis=1)], axis=0)) >= self.minimal_size
 
+    def resolution(self, model: Array, inliers: Array, noise: Noise) -> Array | None:
+        """Differences (D,) in each column below which rows say the same: some standard deviations of the noise.
+
+        None, the default, if only equal rows do.
+        """
+        return None
+
+    def standard_errors(self, model: Array, inliers: Array, noise: Noise) -> tuple[float, float] | None:
+        """How uncertain rotation and translation are if inliers have this noise, in degrees; infinite if undetermined.
+
+        A translation counts as the angle at which it is seen from the middle of the scene. None, the default, if the
+        problem does not say; the verdict then does not ask either whether parts of the rows agree, as `distance` need
+        not be one in degrees of rotation.
+        """
+        return None
+
     def background(self, rows: Array, size: int, rng: np.random.Generator) -> Array:
         """So many rows (size, D) as there would be if no model held, from which the verdict takes what chance does.
 
@@ -151,6 +168,10 @@ class Problem(ABC):
 
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array | None:
         """Covariance (p, p) of the parameters of a fitted model; None if the problem knows none."""
+        return None
+
+    def uncertainty(self, covariance: Array, model: Array, inliers: Array) -> Uncertainty | None:
+        """What such a covariance of the parameters means, in degrees and lengths; None if the problem does not say."""
         return None
 
     def transform(self, model: Array) -> Array | None:

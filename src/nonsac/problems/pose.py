@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import chdtri
 
 from nonsac.layouts import Array
 from nonsac.values.numeric import as_real, shown
 
+RESOLVED = 6.0  # standard deviations within which two places are one
+ROTATION, SHIFT = slice(0, 3), slice(3, 6)  # parameters of a covariance
 _LARGEST_ROTATION_SIGMA = 0.17
 
 
@@ -40,6 +43,29 @@ def rotation_is_certain(covariance: Array) -> bool:
     """Whether the first three parameters, a rotation vector, are known to ten degrees or better."""
     block = covariance[:3, :3]
     return bool(np.isfinite(block).all() and np.linalg.eigvalsh(block)[-1] < _LARGEST_ROTATION_SIGMA**2)
+
+
+def largest_error(covariance: Array) -> float:
+    """Standard deviation in the worst direction, in degrees, of a covariance of angles; infinite if it is not known."""
+    if not np.isfinite(covariance).all():
+        return float("inf")
+    return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))))
+
+
+def likely_length(covariance: Array) -> float:
+    """What the length of an error with this covariance stays below with 95 % probability; infinite if not known.
+
+    The sum of squares is taken for a multiple of a chi-squared variable with the same mean and variance (Satterthwaite
+    1946).
+    """
+    if not np.isfinite(covariance).all():
+        return float("inf")
+    variances = np.maximum(np.linalg.eigvalsh(covariance), 0.0)
+    total = float(variances.sum())
+    if not total > 0.0:
+        return 0.0
+    unit = float((variances / total) @ variances)
+    return float(np.sqrt(unit * chdtri(total / unit, 0.05)))
 
 
 def spread_out(points: Array) -> bool:

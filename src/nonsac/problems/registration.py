@@ -18,10 +18,19 @@ from nonsac.kernels.registration import (
 )
 from nonsac.layouts import PAIRS, Array
 from nonsac.problems.contract import Problem
-from nonsac.problems.covariance import at_origin, robust_covariance
+from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
 from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
-from nonsac.problems.pose import homogeneous, rotation_distance
+from nonsac.problems.pose import (
+    RESOLVED,
+    ROTATION,
+    SHIFT,
+    homogeneous,
+    largest_error,
+    likely_length,
+    rotation_distance,
+)
+from nonsac.result import Uncertainty
 from nonsac.values.numeric import LEAST, MOST, as_real, shown
 
 
@@ -88,6 +97,16 @@ class Registration(Streaming, Problem):
         scale = np.nan_to_num(np.linalg.norm(model[:, 0]), nan=1.0)  # the noise is in the unit of the target
         return bool(noise.sigma < 0.17 * min(scale * source, target))
 
+    def resolution(self, model: Array, inliers: Array, noise: Noise) -> Array:
+        size = np.linalg.norm(model[:, 0])  # the noise is in the unit of the target
+        return RESOLVED * noise.sigma * np.array([1.0 / size] * 3 + [1.0] * 3)
+
+    def standard_errors(self, model: Array, inliers: Array, noise: Noise) -> tuple[float, float]:
+        extent = self._extent(model, inliers)
+        moved = (inliers[:, :3] - inliers[:, :3].mean(axis=0)) @ model[:, :3].T
+        covariance = least_squares_covariance(_slopes(moved / extent, self.scale is None), noise.sigma / extent)
+        return largest_error(covariance[:3, :3]), largest_error(covariance[3:6, 3:6])
+
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t.
 
@@ -98,6 +117,17 @@ class Registration(Streaming, Problem):
         residuals = moved - (inliers[:, 3:] - (model[:, :3] @ origin + model[:, 3]))
         centred = robust_covariance(residuals, _slopes(moved, self.scale is None), noise.threshold)
         return at_origin(centred, model[:, :3] @ origin)
+
+    def uncertainty(self, covariance: Array, model: Array, inliers: Array) -> Uncertainty:
+        centred = at_origin(covariance, -model[:, :3] @ centre(inliers)[:3])
+        angle = likely_length(centred[SHIFT, SHIFT]) / self._extent(model, inliers)
+        rotation = float(np.degrees(likely_length(covariance[ROTATION, ROTATION])))
+        return Uncertainty(rotation, likely_length(covariance[SHIFT, SHIFT]), float(np.degrees(angle)))
+
+    def _extent(self, model: Array, rows: Array) -> float:
+        """Root mean square distance of the moved points from their middle; infinite if they are one."""
+        moved = (rows[:, :3] - rows[:, :3].mean(axis=0)) @ model[:, :3].T
+        return float(np.sqrt((moved**2).sum(axis=1).mean())) or np.inf
 
     def pivot(self, rows: Array) -> Array:
         """A point amid the source (3,); far from the origin, a turn about the origin would be lost in the shift."""

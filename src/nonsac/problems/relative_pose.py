@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,18 @@ from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import least_squares_covariance, robust_covariance
 from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import NormalEquations, Streaming, Weigher
-from nonsac.problems.pose import homogeneous, positive, rotation_distance, rotation_is_certain, spread_out
+from nonsac.problems.pose import (
+    RESOLVED,
+    ROTATION,
+    SHIFT,
+    homogeneous,
+    largest_error,
+    likely_length,
+    positive,
+    rotation_distance,
+    rotation_is_certain,
+    spread_out,
+)
 from nonsac.problems.special_case import SpecialCase
 from nonsac.problems.two_view import (
     are_mirrored,
@@ -33,11 +45,13 @@ from nonsac.problems.two_view import (
     plane_of,
     pose_of_same_plane,
     rotation_of,
+    seen_through_plane,
     transfer_errors,
 )
-from nonsac.result import Remark
+from nonsac.result import Remark, Uncertainty
 
 _PLANE_ROWS, _CALIBRATION_ROWS = 300, 100
+_REACH = 0.95  # of the inliers
 _VISIBLE_BEND = 0.02
 
 
@@ -115,6 +129,13 @@ class RelativePose(Streaming, Problem):
         direction_is_certain = np.isfinite(block).all() and np.linalg.eigvalsh(block)[-1] < 0.35**2
         return bool(direction_is_certain) and rotation_is_certain(covariance)
 
+    def resolution(self, model: Array, inliers: Array, noise: Noise) -> Array:
+        return RESOLVED * noise.sigma / np.array([self.focal1, self.focal1, self.focal2, self.focal2])
+
+    def standard_errors(self, model: Array, inliers: Array, noise: Noise) -> tuple[float, float]:
+        covariance = least_squares_covariance(self._derivatives(model, inliers)[1], noise.sigma)
+        return largest_error(covariance[:3, :3]), largest_error(covariance[3:, 3:])
+
     def special_cases(self, model: Array, inliers: Array, noise: Noise) -> tuple[SpecialCase, ...]:
         """What a pure rotation, and a planar scene, explain of these inliers.
 
@@ -122,11 +143,23 @@ class RelativePose(Streaming, Problem):
         """
         at_infinity, threshold = np.zeros(3), noise.threshold
         turned = rotation_of(model, inliers, lambda turned: self._transfer_error(turned, at_infinity, inliers))
-        by_rotation = self._transfer_error(turned, at_infinity, inliers) < threshold
-        cases = [SpecialCase("pure rotation", by_rotation, determined=False)]
+        errors = self._transfer_error(turned, at_infinity, inliers)
+        by_rotation, reach = errors < threshold, float(np.nanquantile(errors, _REACH))
+        displaced = partial(self._displaced, turned, threshold, reach)
+        cases = [SpecialCase("pure rotation", by_rotation, determined=False, displaced=displaced)]
         if by_rotation.mean() < 0.95:
             cases.append(self._seen_with_wrong_calibration(turned, inliers, noise))
         return (*cases, self._plane(model, inliers, threshold))
+
+    def _displaced(self, turned: Array, threshold: float, reach: float, rows: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Rows that a rotation misses by no more than inliers of the pose do, and the same missed in any direction."""
+        errors = self._transfer_error(turned, np.zeros(3), rows)
+        near = (errors >= threshold) & (errors <= reach)
+        first, second = np.hsplit(rows[near], 2)
+        seen = seen_through_plane(turned, np.zeros(3), first)
+        angles = np.random.default_rng(len(rows)).uniform(0.0, 2.0 * np.pi, len(first))
+        lengths = np.linalg.norm(second - seen, axis=1, keepdims=True)
+        return near, np.hstack([first, seen + lengths * np.column_stack([np.cos(angles), np.sin(angles)])])
 
     def twins(self, model: Array, inliers: Array, noise: Noise) -> Sequence[Array]:
         return list(self._plane(model, inliers, noise.threshold).others)
@@ -161,6 +194,10 @@ class RelativePose(Streaming, Problem):
         """Covariance (5, 5) of the rotation vector w (R exp: exp([w]x) R, radians) and of t in its tangent plane."""
         residuals, jacobian = self._derivatives(model, inliers)
         return robust_covariance(residuals[:, None], jacobian[:, None], noise.threshold)
+
+    def uncertainty(self, covariance: Array, model: Array, inliers: Array) -> Uncertainty:
+        rotation, direction = (float(np.degrees(likely_length(covariance[part, part]))) for part in (ROTATION, SHIFT))
+        return Uncertainty(rotation, direction, direction)
 
     def pivot(self, rows: Array) -> Array:
         """The first camera; there is no other place to turn about."""

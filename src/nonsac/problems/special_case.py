@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from nonsac.layouts import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +26,14 @@ class SpecialCase:
         Whether the rows then still determine finitely many models.
     others : sequence of models
         Further models that the rows then allow.
+    displaced : callable or None
+        What rows would be, of all of which it is given (N, D), if they were displaced at random from where the special
+        case has them, as mistakes of a tracker are: which of them that may be (N,) bool, none that the case explains,
+        and these (K, D) with a displacement of the same length in any direction. None if mistakes are not local.
     """
 
     name: str
     explains: NDArray[np.bool_]
     determined: bool
     others: NDArray[np.float64] | tuple[()] = ()
+    displaced: Callable[[Array], tuple[NDArray[np.bool_], Array]] | None = None

@@ -1,4 +1,4 @@
-"""Simulated data with known ground truth: the paper's generators, in memory or to a file, and two scans.
+"""Simulated data with known ground truth: the paper's generators, in memory or to a file, two scans, and structured matches.
 
 Every function takes `rng`, a whole number (a seed) or a NumPy ``Generator``. One seed, one result.
 """
@@ -8,6 +8,16 @@ from nonsac.simulate.elephant import demo_scans
 from nonsac.simulate.files import to_file
 from nonsac.simulate.matches import ImageMatches, Pairs, PointMatches, absolute_pose, registration, relative_pose
 from nonsac.simulate.motions import random_rotation
+from nonsac.simulate.structured import (
+    blobs_in_images,
+    blobs_in_space,
+    local_displacements,
+    moving_object,
+    narrow_view,
+    periodic_texture,
+    statue,
+    two_planes,
+)
 
 __all__ = [
     "CloudPair",
@@ -15,10 +25,18 @@ __all__ = [
     "Pairs",
     "PointMatches",
     "absolute_pose",
+    "blobs_in_images",
+    "blobs_in_space",
     "cloud_pair",
     "demo_scans",
+    "local_displacements",
+    "moving_object",
+    "narrow_view",
+    "periodic_texture",
     "random_rotation",
     "registration",
     "relative_pose",
+    "statue",
     "to_file",
+    "two_planes",
 ]

@@ -25,6 +25,11 @@ def random_rotation(rng: Seed) -> Floats:
     return np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
 
 
+def rotation_about(axis: Floats, angle: float) -> Floats:
+    """Rotation (3, 3) by an angle in radians about an axis of any length."""
+    return np.asarray(Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix(), dtype=np.float64)
+
+
 def random_motion(generator: np.random.Generator, scale: float = 1.0) -> Floats:
     T = np.eye(4)
     T[:3, :3] = scale * random_rotation(generator)

@@ -1,0 +1,98 @@
+"""What speaks against a model that has more inliers than by chance: none of it needs to know the noise.
+
+Real errors have heavier tails than wrong models: how residuals are spread within a threshold tells little. What tells
+is whether the parts of the scene agree, and whether models beside the answer do as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem
+from nonsac.problems.fits import reweighted_fit
+from nonsac.problems.noise import Noise
+
+_NEAR = 3.0  # thresholds
+_SPARE = 2  # rows beyond a minimal sample that a part must hold
+_APART, _ERRORS = 8.0, 3.0  # degrees, and standard errors
+_ITERATIONS = 10
+_STEP = 1.25  # thresholds, in the mean over the inliers
+_AS_MANY, _DEVIATIONS = 0.2, 1.0
+
+
+def certainty(ratio: float) -> float:
+    """From 1 down to 0.5 where what speaks against an answer is as much as is allowed, and on to 0."""
+    return max(0.0, 1.0 - 0.5 * max(ratio, 0.0) ** 4)
+
+
+def disagreement(problem: Problem, model: Array, rows: Rows, noise: Noise, sigma: float) -> float | None:
+    """How far models of one part of the scene are from models of the other part: 1 is as far as is allowed.
+
+    The inliers are cut at the median along the two longest axes of either half of the rows, and the model is fitted to
+    what is near it on each side. A right model agrees with itself; one that has gathered the true matches of one place,
+    and what it could elsewhere, does not. Parts that determine little may differ more. `sigma` is the noise that the
+    inliers show. None if no part has enough rows to be fitted, or the problem does not know its standard errors.
+    """
+    residuals = problem.residuals(model[None], rows.values)[0]
+    near = rows[residuals < _NEAR * noise.threshold]
+    inliers = residuals[residuals < _NEAR * noise.threshold] < noise.threshold
+    shown = Noise.given(sigma)
+    if problem.standard_errors(model, near.values[inliers], shown) is None:
+        return None
+    most = None
+    for half in problem.layout.parts(near.values):
+        centred = half - half[inliers].mean(axis=0)
+        for axis in np.linalg.svd(centred[inliers], full_matrices=False)[2][:2]:
+            places = centred @ axis
+            side = places > np.median(places[inliers])
+            ratio = _apart(
+                problem, model, [(near[part], near.values[part & inliers]) for part in (side, ~side)], noise, shown
+            )
+            if ratio is not None:
+                most = max(ratio, most or 0.0)
+    return most
+
+
+def _apart(
+    problem: Problem, model: Array, parts: Sequence[tuple[Rows, Array]], noise: Noise, shown: Noise
+) -> float | None:
+    """How far the models of two parts are from each other; a part is what is near the model there, and its inliers."""
+    if min(len(inliers) for _, inliers in parts) < problem.minimal_size + _SPARE:
+        return None
+    fits = [reweighted_fit(problem, model, near, noise.threshold, _ITERATIONS) for near, _ in parts]
+    errors = (problem.standard_errors(model, inliers, shown) for _, inliers in parts)
+    allowed = max(_APART, _ERRORS * math.hypot(*(error[0] for error in errors if error is not None)))
+    return float(problem.distance(*fits)) / allowed
+
+
+def slippage(problem: Problem, model: Array, rows: Rows, noise: Noise, rate: float) -> float:
+    """How many of the other rows a model beside this one explains, beyond chance: 1 is as many as are allowed.
+
+    The model is moved by some thresholds along each axis of its information. Matches that slip along a surface, a round
+    base or an epipolar line are explained by a continuum of models, none of which need be the right one.
+    """
+    streaming = problem.streaming
+    if streaming is None:
+        return 0.0
+    inliers = rows.values[problem.residuals(model[None], rows.values)[0] < noise.threshold]
+    pivot = streaming.pivot(inliers)
+    hessian = streaming.normal_equations(model, inliers, _evenly, pivot)[0].hessian
+    scale = np.sqrt(np.maximum(np.diagonal(hessian), 1e-300))
+    values, axes = np.linalg.eigh(hessian / np.outer(scale, scale))
+    sizes = _STEP * noise.threshold * np.sqrt(len(inliers) / np.maximum(values, 1e-12))
+    steps = np.ascontiguousarray((sizes * axes / scale[:, None]).T)
+    beside = np.stack([streaming.moved(model, step, pivot) for step in (*steps, *-steps)])
+    residuals = problem.residuals(np.concatenate([model[None], beside]), rows.values)
+    others = residuals[0] >= noise.threshold
+    counts = np.count_nonzero(residuals[1:, others] < noise.threshold, axis=1)
+    beyond = counts - rate * np.count_nonzero(others) - _DEVIATIONS * np.sqrt(counts)
+    return float(max(beyond.max(), 0.0) / (_AS_MANY * len(inliers)))
+
+
+def _evenly(residuals: Array) -> tuple[Array, Array]:
+    even = np.ones(len(residuals))
+    return even, even

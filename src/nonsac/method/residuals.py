@@ -1,0 +1,68 @@
+"""How far rows are from a model, beside what chance does: how many fit it, and how large their noise is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem, residuals_of
+from nonsac.problems.noise import Noise
+
+_WINDOWS = 12
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Of all rows, and of the problem's background rows, for one model."""
+
+    of_rows: Array
+    background: Array
+
+    @classmethod
+    def of(cls, problem: Problem, model: Array, rows: Rows) -> Residuals:
+        size = min(50_000, max(6_000, 10 * len(rows)))
+        by_chance = residuals_of(problem, model[None], background(problem, rows.values, size))[0]
+        return cls(residuals_of(problem, model[None], rows.values)[0], by_chance)
+
+    def support(self, threshold: float) -> float:
+        """Share of the rows that are inliers beyond chance."""
+        return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.background, threshold)
+
+
+def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> float:
+    """Standard deviation of the inliers of a model, from the median of the residuals beyond chance.
+
+    They are looked for within a threshold that is adjusted until it is that of the outcome. NaN if no residuals are
+    beyond chance.
+    """
+    ordered, shuffled = np.sort(residuals.of_rows), np.sort(residuals.background)
+    expected = len(ordered) / len(shuffled) * np.searchsorted(shuffled, ordered, side="right")
+    beyond_chance = np.arange(1, len(ordered) + 1) - expected
+    median = np.sqrt(chdtri(dimension, 0.5))
+    window, noise = threshold, float("nan")
+    for _ in range(_WINDOWS):
+        within = int(np.searchsorted(ordered, window))
+        if not within or beyond_chance[within - 1] <= 0.0:
+            return noise
+        half = int(np.argmax(beyond_chance[:within] >= 0.5 * beyond_chance[within - 1]))
+        noise = float(ordered[half] / median)
+        if ordered[half] > 0.35 * window:  # they go on beyond the window
+            window *= 2.0
+        elif abs(Noise.given(noise).threshold - window) < 0.1 * window:
+            break
+        else:
+            window = max(Noise.given(noise).threshold, 1e-300)
+    return noise
+
+
+def background(problem: Problem, rows: Array, size: int) -> Array:
+    """So many rows as there would be if no model held, the same each time."""
+    return problem.background(rows, size, np.random.default_rng(len(rows)))
+
+
+def chance_rate(residuals: Array, threshold: float) -> float:
+    """Share of inliers among the background rows; half a count is added to be safe."""
+    return (np.count_nonzero(residuals < threshold) + 0.5) / (len(residuals) + 1)
