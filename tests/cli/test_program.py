@@ -41,8 +41,7 @@ def test_help_and_version(run):
 
 
 SHARED = {"--samples", "--sample-size", "--seed", "--workers", "--output", "--picture", "--json", "--quiet", "--help"}
-ROWS = SHARED | {"--noise", "--save-inliers", "--max-samples", "--max-uncertainty", "--time-limit", "--columns"}
-ROWS |= {"--dataset"}
+ROWS = SHARED | {
     "--noise",
     "--save-inliers",
     "--max-samples",

@@ -1,4 +1,4 @@
-"""Simulated data with known ground truth: the paper's generators, in memory or to a file, two scans, and structured matches.
+"""Simulated data with known ground truth: the paper's generators, in memory or to a file; two scans; odd matches.
 
 Every function takes `rng`, a whole number (a seed) or a NumPy ``Generator``. One seed, one result.
 """
