@@ -153,6 +153,9 @@ class Hypothesis:
         How likely it takes them, comparable between samples of the same size.
     dropped : int
         Rows of the sample that were left out because they were not finite.
+    log_chance : float
+        Logarithm of a bound for the chance of a model as good among wrong rows, if the threshold was found with it; 0
+        if it was not.
     score : float
         What the scoring rule gave it; higher is better.
     fault : str
@@ -168,6 +171,7 @@ class Hypothesis:
     rank_scores: Array = field(default_factory=lambda: np.empty(0))
     tested: int | None = None
     dropped: int = 0
+    log_chance: float = 0.0
     score: float = float("nan")
     fault: str = ""
 

@@ -128,10 +128,16 @@ def test_a_first_sample_without_finite_rows_does_not_end_the_search(rng):
         assert register_pairs(source, pairs.target, sample_size=60, rng=seed).success
 
 
+def guess_first(monkeypatch, noise):
+    """As if the estimator needed a noise, and this were the first guess."""
+    monkeypatch.setattr(pipeline, "first_findings", lambda *_: None)
+    monkeypatch.setattr(pipeline, "guessed_with", lambda *_: noise)
+
+
 def test_a_time_limit_keeps_what_was_found(rng, monkeypatch):
     """The noise that is measured calls for a second run, for which there is no time: the first one stands."""
     pairs = simulate.registration(20_000, 0.98, 0.02, rng)
-    monkeypatch.setattr(pipeline, "guessed_noise", lambda *_: 0.06)
+    guess_first(monkeypatch, 0.06)
     seconds, counts = [0.0], []
     monkeypatch.setattr(time, "perf_counter", lambda: seconds[0])
 
@@ -182,8 +188,8 @@ def test_a_right_noise_is_not_remarked_on(rng, name):
 def test_a_noise_that_nobody_gave_is_not_remarked_on(rng, name, monkeypatch):
     """Not even if the first guess is far off and there is no second run."""
     rows, _ = PROBLEMS[name][2](20_000, 0.5, 0.002, rng)
-    monkeypatch.setattr(pipeline, "guessed_noise", lambda *_: 0.0002)
-    monkeypatch.setattr(pipeline, "_MOST_REPETITIONS", 1)
+    guess_first(monkeypatch, 0.0002)
+    monkeypatch.setattr(pipeline, "_SAME_NOISE", 1e9)
     result = CALLS[name](*np.split(rows, [PROBLEMS[name][0].layout.split], axis=1))
     assert (result.noise, result.remarks) == (0.0002, (Remark.SLIPPING,))
     assert result.info["measured_noise"] == pytest.approx(0.002, rel=0.1)

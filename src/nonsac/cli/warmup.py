@@ -26,6 +26,7 @@ def _registrations() -> list[Callable[[], object]]:
     pairs = simulate.registration(300, 0.5, 0.01, 0)
     return [
         lambda: nonsac.register_clouds(scans.source, scans.target, samples=2),
+        lambda: nonsac.register_pairs(pairs.source, pairs.target),
         lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01),
         lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=None, refine="full"),
         lambda: nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, estimator=nonsac.Pcr99(order="random")),
@@ -42,8 +43,10 @@ def _poses() -> list[Callable[[], object]]:
     scene = simulate.absolute_pose(300, 0.5, 0.001, 0)
     weights = np.linspace(0.1, 1.0, 300)
     return [
+        lambda: nonsac.relative_pose(views.points1, views.points2),
         lambda: nonsac.relative_pose(views.points1, views.points2, noise=0.001),
         lambda: nonsac.relative_pose(views.points1, views.points2, noise=0.001, weights=weights, refine="full"),
+        lambda: nonsac.absolute_pose(scene.points2d, scene.points3d),
         lambda: nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001),
         lambda: nonsac.absolute_pose(scene.points2d, scene.points3d, noise=0.001, weights=weights, refine="full"),
     ]

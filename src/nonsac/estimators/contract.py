@@ -45,6 +45,13 @@ class Estimator(ABC):
         """Raise TypeError or ValueError if this estimator cannot work on the problem; by default it can."""
         return None
 
+    def estimate_at_any_noise(self, problem: Problem, rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
+        """The same if the noise is not known: `Hypothesis.threshold` is then what this found.
+
+        None, the default, if this estimator needs a noise; it is then called with several.
+        """
+        return None
+
     def with_budget(self, factor: int) -> Self:
         """The same estimator allowed to work `factor` times as much on one sample; by default it has one budget."""
         return self

@@ -9,6 +9,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.estimators.any_noise import Octaves
 from nonsac.estimators.contract import Estimator
 from nonsac.kernels.consistency import (
     count_consistent_distances,
@@ -20,6 +21,7 @@ from nonsac.kernels.consistency import (
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.fits import inlier_fit, reweighted_fit
+from nonsac.problems.ladder import Ladder
 from nonsac.problems.noise import Noise
 from nonsac.problems.registration import Registration, centre
 from nonsac.result import Hypothesis
@@ -138,6 +140,28 @@ class Pcr99(Estimator):
             return hypothesis
         first = np.argsort(-ranks, kind="stable")[: max(3, len(rows) // _PROMISING)]
         return replace(hypothesis, promising=rows[first], rank_scores=ranks[first])
+
+    def estimate_at_any_noise(self, problem: Problem, rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
+        """The model and the threshold that are together least likely by chance, of some thresholds to search with."""
+        ladder = None if rows.weights is not None else Ladder.of(problem, rows, rng)
+        if ladder is None:
+            return None
+        octaves = Octaves(problem, rows, ladder, lambda model, threshold: model)
+        found = {}
+        for threshold in ladder.coarse():
+            found[threshold] = self.estimate(problem, rows, Noise.within(threshold, known=False), rng)
+            if found[threshold].found:
+                octaves.keep(found[threshold].model)
+        chosen = octaves.chosen()
+        if chosen is None:
+            return None
+        model, threshold, score = chosen
+        nearest = found[min(found, key=lambda each: abs(np.log(each / threshold)))]
+        residuals, tested = (
+            problem.residuals(model[None], rows.values)[0],
+            sum(each.tested or 0 for each in found.values()),
+        )
+        return replace(nearest, model=model, residuals=residuals, threshold=threshold, tested=tested, log_chance=-score)
 
     def search_jointly(
         self,

@@ -10,11 +10,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.estimators.any_noise import Octaves
 from nonsac.estimators.contract import Estimator
 from nonsac.kernels.minimal_samples import distinct_rows, gather_rows
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
+from nonsac.problems.ladder import Ladder
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
 
@@ -91,6 +93,33 @@ class Ransac(Estimator):
         if not np.isfinite(model).all():
             return Hypothesis(model, np.full(len(rows), np.inf), threshold, tested=tested)
         return Hypothesis(model, problem.residuals(model[None], rows.values)[0], threshold, tested=tested)
+
+    def estimate_at_any_noise(self, problem: Problem, rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
+        """The model and the threshold that are together least likely by chance (see `any_noise`)."""
+        ladder = None if rows.weights is not None else Ladder.of(problem, rows, rng)
+        if ladder is None or not self.local_optimisation:
+            return None
+        octaves = Octaves(
+            problem, rows, ladder, lambda model, threshold: self._optimised(problem, model, rows, threshold)
+        )
+        drawn, needed, batch, tested = 0, self.iterations, _FIRST_BATCH, 0
+        while drawn < needed:
+            size = min(batch, needed - drawn)
+            numbers = minimal_samples(len(rows), problem.minimal_size, size, rng)
+            models = solved(problem, _gathered(rows.values, numbers))
+            drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
+            if not len(models):
+                continue
+            octaves.take(models)
+            if self.confidence is not None:
+                trials = trials_needed(octaves.support / len(rows), problem.minimal_size, self.confidence)
+                needed = min(self.iterations, max(trials, self.least_iterations))
+        chosen = octaves.chosen()
+        if chosen is None:
+            return None
+        model, threshold, score = chosen
+        residuals = problem.residuals(model[None], rows.values)[0]
+        return Hypothesis(model, residuals, threshold, tested=tested, log_chance=-score)
 
     def _best(self, problem: Problem, models: Array, rows: Rows, threshold: float) -> tuple[Array, float]:
         """The best of some models, and its score: the number of inliers, or less the cost."""

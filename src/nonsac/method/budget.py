@@ -79,8 +79,8 @@ def kept(source: Source, seed: int, max_rows: int) -> Source:
 
 
 def next_round(drawn: int) -> int:
-    """As many samples as there were before."""
-    return max(_FIRST_ROUND, drawn)
+    """As many samples as there were before, and two to begin with."""
+    return max(_FIRST_ROUND - drawn, drawn)
 
 
 def next_size(refinement: Refinement | None, rows: int) -> int:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nonsac.layouts import Array, Rows
+from nonsac.method.residuals import Residuals, chance_rate
 from nonsac.problems.contract import Problem
 from nonsac.problems.fits import reweighted_fit
 from nonsac.problems.noise import Noise
@@ -21,7 +22,8 @@ _SPARE = 2  # rows beyond a minimal sample that a part must hold
 _APART, _ERRORS = 8.0, 3.0  # degrees, and standard errors
 _ITERATIONS = 10
 _STEP = 1.25  # thresholds, in the mean over the inliers
-_AS_MANY, _DEVIATIONS = 0.2, 1.0
+# Shares of the threshold, and of the inliers that as many others may be: of a noise that was given, or not.
+_GIVEN, _FOUND = (1.0, 0.2), (0.6, 0.15)
 
 
 def certainty(ratio: float) -> float:
@@ -69,28 +71,32 @@ def _apart(
     return float(problem.distance(*fits)) / allowed
 
 
-def slippage(problem: Problem, model: Array, rows: Rows, noise: Noise, rate: float) -> float:
+def slippage(problem: Problem, model: Array, rows: Rows, noise: Noise, residuals: Residuals) -> float:
     """How many of the other rows a model beside this one explains, beyond chance: 1 is as many as are allowed.
 
     The model is moved by some thresholds along each axis of its information. Matches that slip along a surface, a round
-    base or an epipolar line are explained by a continuum of models, none of which need be the right one.
+    base or an epipolar line are explained by a continuum of models, none of which need be the right one. A noise that
+    nobody gave may be that of the slipping: of the threshold then only the middle counts.
     """
     streaming = problem.streaming
     if streaming is None:
         return 0.0
-    inliers = rows.values[problem.residuals(model[None], rows.values)[0] < noise.threshold]
+    share, as_many = _GIVEN if noise.known else _FOUND
+    threshold = share * noise.threshold
+    inliers = rows.values[residuals.of_rows < threshold]
+    if len(inliers) < problem.minimal_size:
+        return 0.0
     pivot = streaming.pivot(inliers)
     hessian = streaming.normal_equations(model, inliers, _evenly, pivot)[0].hessian
     scale = np.sqrt(np.maximum(np.diagonal(hessian), 1e-300))
     values, axes = np.linalg.eigh(hessian / np.outer(scale, scale))
-    sizes = _STEP * noise.threshold * np.sqrt(len(inliers) / np.maximum(values, 1e-12))
+    sizes = _STEP * threshold * np.sqrt(len(inliers) / np.maximum(values, 1e-12))
     steps = np.ascontiguousarray((sizes * axes / scale[:, None]).T)
     beside = np.stack([streaming.moved(model, step, pivot) for step in (*steps, *-steps)])
-    residuals = problem.residuals(np.concatenate([model[None], beside]), rows.values)
-    others = residuals[0] >= noise.threshold
-    counts = np.count_nonzero(residuals[1:, others] < noise.threshold, axis=1)
-    beyond = counts - rate * np.count_nonzero(others) - _DEVIATIONS * np.sqrt(counts)
-    return float(max(beyond.max(), 0.0) / (_AS_MANY * len(inliers)))
+    others = rows.values[residuals.of_rows >= threshold]
+    counts = np.count_nonzero(problem.residuals(beside, others) < threshold, axis=1)
+    beyond = counts - chance_rate(residuals.background, threshold) * len(others) - np.sqrt(counts)
+    return float(max(beyond.max(), 0.0) / (as_many * len(inliers)))
 
 
 def _evenly(residuals: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from nonsac.layouts import Array, Rows
 from nonsac.method.noise import noise_remarks
-from nonsac.method.residuals import measured_noise
+from nonsac.method.residuals import measured_noise, noise_of_model
 from nonsac.method.verdict import Candidate, Effort, Verdict, alternative, judge_rows
 from nonsac.problems.contract import Problem
 from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
@@ -51,7 +51,10 @@ class Judgement:
         verdict = judge_rows(candidate, effort)
         if verdict.status is Status.OK:
             verdict = _beside_rival(candidate, verdict, hypotheses, effort)
-        measured = measured_noise(candidate.residuals, noise.threshold, problem.residual_dimension)
+        if noise.known:
+            measured = measured_noise(candidate.residuals, noise.threshold, problem.residual_dimension)
+        else:
+            measured = noise_of_model(problem, model, rows, candidate.residuals)
         trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
         covariance = _covariance(candidate) if trusted else None
         return cls(candidate, verdict, measured, covariance, _uncertainty(candidate, covariance))
@@ -101,7 +104,9 @@ def _uncertainty(candidate: Candidate, covariance: Array | None) -> Uncertainty 
         return None
     inliers = candidate.rows.values[candidate.inliers]
     found = candidate.problem.uncertainty(covariance, candidate.model, inliers)
-    return None if found is None else found.times(candidate.facts.repetition**0.5)
+    if found is None:
+        return None
+    return found.times(candidate.resolved.repetition**0.5)
 
 
 def _beside_rival(candidate: Candidate, verdict: Verdict, hypotheses: Sequence[Hypothesis], effort: Effort) -> Verdict:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
-from scipy.special import xlogy
 
 from nonsac.estimators.contract import Estimator, checked_hypothesis
 from nonsac.layouts import Array, Rows
-from nonsac.method.residuals import Residuals, background, chance_rate, measured_noise
+from nonsac.method.residuals import Residuals, background, chance_rate, measured_noise, noise_of_model
+from nonsac.method.search import SampleTask
 from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of, solved
+from nonsac.problems.fits import reweighted_fit
+from nonsac.problems.ladder import log_chance
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Remark
 
@@ -19,6 +24,8 @@ _MODELS = 50
 _FALLBACK_SHARE = 0.01
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _VERY_DIFFERENT = 3.0
+_SAMPLES_FOR_NOISE, _SAMPLES_FOR_GUESS = 12, 3
+_TURNS, _FIT, _LEAST_RUNG = 3, 10, 0.01
 _ROWS_SEEN, _LOG_CHANCE = 2000, float(np.log(1e-6))
 
 
@@ -36,6 +43,73 @@ def _rounded(factor: float) -> str:
     """Two digits, without an exponent."""
     two_digits = float(f"{factor:.2g}")
     return f"{two_digits:,.0f}" if two_digits >= 10.0 else f"{two_digits:g}"
+
+
+class Findings(NamedTuple):
+    """What was found in the first samples without a noise: the hypotheses, and the noise of the best one."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    noise: float
+
+
+def first_findings(task: SampleTask, samples: int) -> Findings | None:
+    """What the estimator finds in the first sample, or some, if it needs no noise; None if it does.
+
+    Samples are looked at until a model is found that no wrong rows would give by chance. Its noise is measured on the
+    rows of its sample, and the model fitted again with that, by turns.
+    """
+    found: list[Hypothesis] = []
+    for sample in range(min(_SAMPLES_FOR_NOISE, samples)):
+        rows, dropped = task.rows(sample)
+        rng = np.random.default_rng([task.seed, task.number + sample])
+        hypothesis = _at_any_noise(task, rows, rng)
+        if hypothesis is None:
+            if not found:
+                return None
+            break
+        found.append(replace(_settled(task.problem, hypothesis, rows), sample=sample, dropped=dropped))
+        if hypothesis.log_chance < _LOG_CHANCE - np.log(max(hypothesis.tested or 1, 1)):
+            break
+    best = min(found, key=lambda hypothesis: hypothesis.log_chance)
+    return Findings(tuple(found), Noise.within(best.threshold).sigma)
+
+
+def _at_any_noise(task: SampleTask, rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
+    """What the estimator finds; None if it needs a noise, or fails."""
+    if len(rows) <= task.problem.minimal_size:
+        return None
+    try:
+        found = task.estimator.estimate_at_any_noise(task.problem, rows, rng)
+    except ContractBroken:
+        raise
+    except Exception as error:
+        blame(task.problem, rows, 1.0, error)
+        return None
+    if found is None or not found.found:
+        return None
+    return checked_hypothesis(found, task.problem, task.estimator, "estimate_at_any_noise")
+
+
+def _settled(problem: Problem, found: Hypothesis, rows: Rows) -> Hypothesis:
+    """The model at the noise that it shows."""
+    threshold = found.threshold
+    model = reweighted_fit(problem, found.model, rows, threshold, _FIT)
+    for _ in range(_TURNS):
+        shown = Residuals.of(problem, model, rows)
+        noise = noise_of_model(problem, model, rows, shown)
+        if not noise > 0.0:
+            break
+        threshold = max(Noise.given(noise).threshold, _LEAST_RUNG * found.threshold)
+        model = reweighted_fit(problem, model, rows, threshold, _FIT)
+    residuals = residuals_of(problem, model[None], rows.values)[0]
+    return replace(found, model=model, residuals=residuals, threshold=threshold)
+
+
+def guessed_with(task: SampleTask, estimator: Estimator, samples: int) -> float:
+    """`guessed_noise` from rows of the first samples."""
+    rng = np.random.default_rng([task.seed, 0, 2])
+    rows = task.union(min(_SAMPLES_FOR_GUESS, samples))  # more than one, as some may not be finite
+    return guessed_noise(task.problem, estimator, rows[rng.permutation(len(rows))[: task.sample_size]], rng)
 
 
 def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.random.Generator) -> float:
@@ -59,7 +133,7 @@ def guessed_noise(problem: Problem, estimator: Estimator, rows: Rows, rng: np.ra
             continue
         residuals = Residuals.of(problem, hypothesis.model, rows)
         rate = chance_rate(residuals.background, float(threshold))
-        meaning = _log_chance(hypothesis.num_inliers - problem.minimal_size, len(rows), rate)
+        meaning = log_chance(hypothesis.num_inliers - problem.minimal_size, len(rows), rate)
         if meaning < least:
             best, least = measured_noise(residuals, float(threshold), problem.residual_dimension), meaning
             if not np.isfinite(best):
@@ -83,7 +157,7 @@ def noise_seen_by(problem: Problem, models: Array, rows: Rows, above: float) -> 
             continue
         for near, near_by_chance in zip(residuals, by_chance, strict=True):
             inliers = int(np.searchsorted(near, threshold))
-            meaning = _log_chance(inliers - problem.minimal_size, len(table), chance_rate(near_by_chance, threshold))
+            meaning = log_chance(inliers - problem.minimal_size, len(table), chance_rate(near_by_chance, threshold))
             if meaning < least:
                 best, least = Noise.within(threshold).sigma, meaning
     return best
@@ -112,11 +186,3 @@ def _residuals_of_wrong_rows(problem: Problem, rows: Array, rng: np.random.Gener
     residuals = residuals_of(problem, models, background(problem, rows, 500)) if len(models) else np.empty(0)
     finite = residuals[np.isfinite(residuals)]
     return float(np.median(finite)) if len(finite) else float("nan")
-
-
-def _log_chance(inliers: int, rows: int, rate: float) -> float:
-    """Upper bound of the logarithm of a binomial tail (Hoeffding 1963): 0 if there are no more than expected."""
-    share = inliers / rows
-    if share <= rate:
-        return 0.0
-    return -rows * float(xlogy(share, share / rate) + xlogy(1.0 - share, (1.0 - share) / (1.0 - rate)))

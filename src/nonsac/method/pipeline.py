@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from nonsac.estimators.contract import Estimator
 from nonsac.method import scoring
 from nonsac.method.budget import Budget, kept, next_round, next_size
 from nonsac.method.doubts import certainty
-from nonsac.method.noise import guessed_noise
+from nonsac.method.noise import first_findings, guessed_with
 from nonsac.method.refine import Refinement, refined
 from nonsac.method.search import SampleTask, Search, Stop
 from nonsac.method.settings import Settings
@@ -27,7 +28,8 @@ from nonsac.sources.contract import Source
 from nonsac.values.quiet import quiet
 
 _CLEAR = 0.99
-_MOST_REPETITIONS, _SAME_NOISE, _SAMPLES_FOR_NOISE = 3, 1.25, 3
+_MOST_REPETITIONS, _SAME_NOISE, _ANOTHER_NOISE = 3, 1.25, 3.0
+_LEAST_SHARE = 0.1
 _ENOUGH_FOR_SPECIAL_CASES = 8
 _ENOUGH_FAILURES = 8
 
@@ -54,7 +56,7 @@ def run(source: Source, problem: Problem, estimator: Estimator, settings: Settin
     method = Method(search, settings)
     if len(source) < problem.minimal_size:
         return Answer(search, None, (), Stopwatch()).result(settings, Status.TOO_FEW)
-    answer = method.run(noise) if noise.known else _run_with_measured_noise(method, estimator)
+    answer = method.run(noise) if noise.known else _run_at_any_noise(method, estimator)
     answer = answer.finished(settings)
     return answer.result(settings, remarks=remarks_on_noise(answer.search, answer.refinement) if noise.known else ())
 
@@ -66,21 +68,33 @@ class Method:
     search: Search
     settings: Settings
 
-    def run(self, noise: Noise) -> Answer:
-        """Sample, estimate in each sample, select, refine and judge; again with more samples until that is clear."""
-        search, clock, settings = self.search.begun(noise), Stopwatch(), self.settings
+    def run(self, noise: Noise, found: Sequence[Hypothesis] = ()) -> Answer:
+        """Sample, estimate in each sample, select, refine and judge; again with more samples until that is clear.
+
+        `found` is what was found in the first samples.
+        """
+        search, clock, settings = self.search.begun(noise, found), Stopwatch(), self.settings
         while True:
             search.draw(next_round(len(search.hypotheses)) if settings.samples == "auto" else search.most)
             clock.lap("hypotheses")
             winner, scores = scoring.select(settings.rule, search.hypotheses, search.problem)
             clock.lap("selection")
-            found = search.hypotheses[winner].found
-            refinement = _certain_enough(refined(settings.refine, search, winner), settings) if found else None
+            refinement = None
+            if search.hypotheses[winner].found:
+                refinement = _certain_enough(refined(settings.refine, search, winner), settings)
             clock.lap("refinement")
             if search.ended or _is_settled(refinement, search.hypotheses):
                 return Answer(search, refinement, scoring.scored(search.hypotheses, scores), clock)
             if settings.sample_size == "auto":
                 search.task = replace(search.task, sample_size=next_size(refinement, len(search.task.source)))
+
+    def judged_at(self, noise: Noise, answer: Answer) -> Answer:
+        """What is made of the same hypotheses at another noise."""
+        search, settings = answer.search.at(noise), self.settings
+        winner = scoring.select(settings.rule, search.hypotheses, search.problem)[0]
+        refinement = _certain_enough(refined(settings.refine, search, winner), settings)
+        answer.clock.lap("refinement")
+        return replace(answer, search=search, refinement=refinement)
 
 
 @dataclass(frozen=True)
@@ -146,26 +160,47 @@ class Answer:
         return info
 
 
-def _run_with_measured_noise(method: Method, estimator: Estimator) -> Answer:
-    """The method at a noise level guessed on the first sample, and again if its answer shows another one."""
+def _run_at_any_noise(method: Method, estimator: Estimator) -> Answer:
+    """The method at the noise that is found with the model, in the first samples; measured on the answer, and judged.
+
+    Estimators that need a noise are called with several first. If the answer shows a noise that is very different, the
+    samples are drawn again.
+    """
     task = method.search.task
-    rng = np.random.default_rng([task.seed, 0, 2])
-    rows = task.union(min(_SAMPLES_FOR_NOISE, method.search.most))  # more than one, as some may not be finite
-    noise = guessed_noise(task.problem, estimator, rows[rng.permutation(len(rows))[: task.sample_size]], rng)
-    least = 0.1 * noise
+    first = first_findings(task, method.search.most)
+    noise = guessed_with(task, estimator, method.search.most) if first is None else first.noise
+    found = () if first is None else first.hypotheses
+    least = _LEAST_SHARE * noise
     for _ in range(_MOST_REPETITIONS):
-        answer = method.run(Noise.given(noise, known=False))
-        refinement = answer.refinement
-        if refinement is None or refinement.measured_noise is None:
+        searched_at, answer = noise, method.run(Noise.given(noise, known=False), found)
+        for _ in range(_MOST_REPETITIONS):
+            measured = max(_measured(answer.refinement), least)
+            if not _differ(measured, noise, _SAME_NOISE):
+                break
+            noise = measured
+            answer = method.judged_at(Noise.given(noise, known=False), answer)
+        if _is_final(answer.refinement) or not _differ(noise, searched_at, _ANOTHER_NOISE):
             break
-        measured = max(refinement.measured_noise, least)
-        if not np.isfinite(measured) or max(measured / noise, noise / measured) < _SAME_NOISE:
+        if method.search.is_late():
             break
-        hopeless = refinement.status is Status.LOW_SUPPORT and not refinement.remarks
-        if hopeless or method.search.is_late():
-            break
-        noise = measured
+        found = ()
     return answer
+
+
+def _is_final(refinement: Refinement | None) -> bool:
+    """Whether nothing would be gained by drawing the samples again: it is trusted, or no more than chance."""
+    if refinement is None or refinement.status in (Status.OK, Status.AMBIGUOUS):
+        return True
+    return refinement.status is Status.LOW_SUPPORT and not refinement.remarks
+
+
+def _measured(refinement: Refinement | None) -> float:
+    noise = None if refinement is None else refinement.measured_noise
+    return float("nan") if noise is None else noise
+
+
+def _differ(measured: float, noise: float, factor: float) -> bool:
+    return bool(np.isfinite(measured) and max(measured / noise, noise / measured) >= factor)
 
 
 def _is_settled(refinement: Refinement | None, hypotheses: list[Hypothesis]) -> bool:

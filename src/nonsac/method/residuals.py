@@ -9,9 +9,10 @@ from scipy.special import chdtri
 
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, residuals_of
+from nonsac.problems.ladder import LADDER, most_telling
 from nonsac.problems.noise import Noise
 
-_WINDOWS = 12
+_WINDOWS, _AROUND, _ROWS = 12, 2.5, 4000
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,25 @@ class Residuals:
         return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.background, threshold)
 
 
-def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> float:
+def noise_of_model(problem: Problem, model: Array, rows: Rows, residuals: Residuals) -> float:
+    """Standard deviation of the inliers of a model, if nothing is known of it: NaN if there are none beyond chance.
+
+    They are looked for within the threshold at which they are least likely by chance, and around it.
+    """
+    unit = float(np.median(residuals.background))
+    if not 0.0 < unit < np.inf:
+        return float("nan")
+    threshold, score = most_telling(problem, model, rows.some(_ROWS), unit * LADDER)
+    if not score > 0.0:
+        return float("nan")
+    return measured_noise(residuals, threshold, problem.residual_dimension, _AROUND * threshold)
+
+
+def measured_noise(residuals: Residuals, threshold: float, dimension: int, most: float = np.inf) -> float:
     """Standard deviation of the inliers of a model, from the median of the residuals beyond chance.
 
-    They are looked for within a threshold that is adjusted until it is that of the outcome. NaN if no residuals are
-    beyond chance.
+    They are looked for within a threshold that is adjusted until it is that of the outcome, or until it is `most`. NaN
+    if no residuals are beyond chance.
     """
     ordered, shuffled = np.sort(residuals.of_rows), np.sort(residuals.background)
     expected = len(ordered) / len(shuffled) * np.searchsorted(shuffled, ordered, side="right")
@@ -50,7 +65,9 @@ def measured_noise(residuals: Residuals, threshold: float, dimension: int) -> fl
         half = int(np.argmax(beyond_chance[:within] >= 0.5 * beyond_chance[within - 1]))
         noise = float(ordered[half] / median)
         if ordered[half] > 0.35 * window:  # they go on beyond the window
-            window *= 2.0
+            if window >= most:
+                break
+            window = min(2.0 * window, most)
         elif abs(Noise.given(noise).threshold - window) < 0.1 * window:
             break
         else:

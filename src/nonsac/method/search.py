@@ -139,9 +139,17 @@ class Search:
     stopped: bool = False
     late: bool = False
 
-    def begun(self, noise: Noise) -> Search:
-        """The same search, with a noise and nothing drawn yet."""
-        return replace(self, task=replace(self.task, noise=noise), hypotheses=[], _union=None)
+    def begun(self, noise: Noise, found: Sequence[Hypothesis] = ()) -> Search:
+        """The same search, with a noise and nothing drawn yet but the first samples, in which this was found."""
+        begun = replace(self, task=replace(self.task, noise=noise), hypotheses=[], _union=None)
+        for hypothesis in found:
+            begun._take(hypothesis)
+        begun.task = begun.task.after(len(found)) if found else begun.task
+        return begun
+
+    def at(self, noise: Noise) -> Search:
+        """The same search, whose findings are judged at another noise."""
+        return replace(self, task=replace(self.task, noise=noise), hypotheses=list(self.hypotheses))
 
     def draw(self, count: int) -> None:
         """Estimate in so many further samples, or fewer."""
@@ -150,14 +158,17 @@ class Search:
         self.task.read_ahead(count)
         travels = self.task.source.about.in_memory and are_elsewhere(self.workers)
         for hypothesis in ordered_map(self.task, count, self.workers, self.task.packed if travels else None):
-            self.hypotheses.append(hypothesis)
-            if self.progress is not None:
-                self.progress(len(self.hypotheses), self.most)
-            self.stopped = self.stop is not None and self.stop(self.hypotheses, self.task.problem)
-            self.late = self.is_late() and self._left() > 0
+            self._take(hypothesis)
             if self.stopped or self.late:
                 break
         self.task = self.task.after(len(self.hypotheses) - before)
+
+    def _take(self, hypothesis: Hypothesis) -> None:
+        self.hypotheses.append(hypothesis)
+        if self.progress is not None:
+            self.progress(len(self.hypotheses), self.most)
+        self.stopped = self.stop is not None and self.stop(self.hypotheses, self.task.problem)
+        self.late = self.is_late() and self._left() > 0
 
     def is_late(self) -> bool:
         """Whether the time limit was reached."""

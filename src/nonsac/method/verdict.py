@@ -13,14 +13,16 @@ from scipy.special import betainc, chdtr, ndtr
 
 from nonsac.layouts import Array, Rows, distinct
 from nonsac.method.doubts import certainty, disagreement, slippage
-from nonsac.method.facts import Facts
 from nonsac.method.residuals import Residuals, chance_rate, measured_noise
 from nonsac.problems.contract import Problem
+from nonsac.problems.facts import Facts, Places
+from nonsac.problems.ladder import BEYOND, LADDER, most_telling
 from nonsac.problems.noise import Noise
 from nonsac.result import Alternative, Remark, Status
 
 _LARGEST_CHANCE = 1e-6
 _CLEAR_LEAD = 4.0
+_AROUND, _ABOVE = 12, 2  # rungs
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _MORE_THAN_BACKGROUND, _MORE_THAN_BESIDE = 1.25, 2.0
 
@@ -78,14 +80,31 @@ class Candidate:
 
     @cached_property
     def facts(self) -> Facts:
-        """Those of the inliers that are independent of each other."""
-        return Facts.of(self.problem, self.model, self.rows.values[self.inliers], len(self.rows), self.noise)
+        """Those of the inliers that are in places of their own."""
+        return self._facts(Places.of(self.problem, self.rows.values))
+
+    @cached_property
+    def resolved(self) -> Facts:
+        """Those of the inliers that the noise lets one tell apart; neighbours need not be independent of each other."""
+        return self._facts(Places.finest(self.problem))
+
+    def _facts(self, places: Places) -> Facts:
+        return Facts.of(self.model, self.rows.values[self.inliers], len(self.rows), self.noise, places)
 
     @cached_property
     def measured_noise(self) -> float:
         """The standard deviation that the inliers show, no more than that of the threshold, and not zero."""
         shown = measured_noise(self.residuals, self.noise.threshold, self.problem.residual_dimension)
         return float(np.clip(np.nan_to_num(shown, nan=np.inf), _LEAST_SHARE * self.noise.sigma, self.noise.sigma))
+
+    @property
+    def least_chance(self) -> float:
+        """Bound of the chance of the model at the threshold at which it is least, out of some around its own.
+
+        Nobody gave the noise, so that none of them is better founded than the others.
+        """
+        thresholds = self.noise.threshold * LADDER[-_AROUND - BEYOND :] / LADDER[-_ABOVE - BEYOND]
+        return float(_AROUND * np.exp(-most_telling(self.problem, self.model, self.rows, thresholds)[1]))
 
     def without_copies(self) -> Candidate:
         """The same model on different rows only, if some inliers are copies of others."""
@@ -138,13 +157,16 @@ def judge_rows(candidate: Candidate, effort: Effort) -> Verdict:
     if not problem.determined(candidate.model, inliers, noise):
         return Verdict(Status.DEGENERATE, 0.0)
     rate = candidate.chance_rate
-    chance = min(1.0, _chance(candidate, np.ones(len(inliers), dtype=np.bool_), rate) * max(effort.compared, 1))
-    tests = {"facts": int(np.count_nonzero(candidate.facts.chosen)), "chance": chance}
+    chance = _chance(candidate, candidate.facts, rate)
+    if not noise.known and problem.layout.split is not None:
+        chance = min(chance, candidate.least_chance)
+    chance = min(1.0, chance * max(effort.compared, 1))
+    tests = {"facts": candidate.facts.count, "chance": chance}
     doubts = [Doubt(float(chance ** (np.log(0.5) / np.log(_LARGEST_CHANCE))), Status.LOW_SUPPORT)]
     if chance >= _LARGEST_CHANCE:
         return _doubted(doubts, tests)
     parts = disagreement(problem, candidate.model, candidate.rows, noise, candidate.measured_noise)
-    slipping = slippage(problem, candidate.model, candidate.rows, noise, rate)
+    slipping = slippage(problem, candidate.model, candidate.rows, noise, candidate.residuals)
     tests |= {"slippage": slipping} if parts is None else {"slippage": slipping, "parts": parts}
     doubts.append(
         Doubt(1.0 - _certainty_of_whole(candidate, effort.searched, parts), Status.LOW_SUPPORT, Remark.PARTLY_RIGHT)
@@ -195,7 +217,7 @@ def _beside_special_cases(candidate: Candidate, verdict: Verdict, rate: float) -
     alternatives: list[Alternative] = []
     for case in problem.special_cases(model, inliers, noise):
         unexplained = ~case.explains
-        chance = _chance(candidate, unexplained, rate)
+        chance = _chance(candidate, candidate.resolved.among(unexplained), rate)
         if case.displaced is not None:
             chance = max(chance, _local_chance(candidate, unexplained, *case.displaced(rows)))
         elif unexplained.mean() > 0.5:
@@ -256,10 +278,10 @@ def _lead(ratios: Array, others: Array) -> float:
     return float(gains.sum() / max(np.sqrt((gains**2).sum()), 1e-300))
 
 
-def _chance(candidate: Candidate, among: NDArray[np.bool_], rate: float) -> float:
-    """Probability that one model without any matches has as many facts as these inliers (K,) bool hold."""
-    problem, facts = candidate.problem, candidate.facts
-    count = _distinct_count(problem, candidate.rows.values[candidate.inliers][facts.chosen & among])
+def _chance(candidate: Candidate, facts: Facts, rate: float) -> float:
+    """Probability that one model without any matches has as many facts."""
+    problem = candidate.problem
+    count = _distinct_count(problem, candidate.rows.values[candidate.inliers][facts.chosen])
     beyond = count - problem.minimal_size
     if beyond <= 0:
         return 1.0
@@ -270,12 +292,12 @@ def _chance(candidate: Candidate, among: NDArray[np.bool_], rate: float) -> floa
 def _local_chance(candidate: Candidate, among: NDArray[np.bool_], near: NDArray[np.bool_], displaced: Array) -> float:
     """The same for rows that a special case misses by little, if they were displaced from it at random."""
     problem, noise = candidate.problem, candidate.noise
-    facts = candidate.facts.chosen & among & near[candidate.inliers]
-    beyond = int(np.count_nonzero(facts)) - problem.minimal_size
+    facts = candidate.resolved.among(among & near[candidate.inliers])
+    beyond = facts.count - problem.minimal_size
     if beyond <= 0:
         return 1.0
     rate = chance_rate(problem.residuals(candidate.model[None], displaced)[0], noise.threshold)
-    rows = int(candidate.facts.share * len(displaced)) - problem.minimal_size
+    rows = int(facts.share * len(displaced)) - problem.minimal_size
     return float(betainc(beyond, max(rows - beyond, 0) + 1, rate))
 
 

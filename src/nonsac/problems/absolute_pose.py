@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.kernels.ladder import reprojection_ladder
 from nonsac.kernels.losses import mirror
 from nonsac.kernels.p3p import p3p_poses
 from nonsac.kernels.pose_fit import fit_pose, move
@@ -84,6 +85,15 @@ class AbsolutePose(Streaming, Problem):
         counts = np.empty(len(models), np.int64)
         square = np.float32((threshold / self.focal) ** 2)
         count_reprojection_inliers(moved_origin(models, origin).astype(np.float32), columns, square, counts)
+        return counts
+
+    def count_on_ladder(self, models: Array, rows: Array, thresholds: Array) -> NDArray[np.int64]:
+        origin = centre(rows)[2:]
+        columns = np.ascontiguousarray((rows - [0.0, 0.0, *origin]).T, np.float32)
+        counts = np.empty((len(models), len(thresholds)), np.int64)
+        square = np.float32((self.focal / thresholds[0]) ** 2)
+        centred = moved_origin(models, origin).astype(np.float32)
+        reprojection_ladder(centred, columns, square, self.minimal_size, counts)
         return counts
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.kernels.ladder import count_on_ladder
 from nonsac.layouts import Array, Layout, Rows
 
 if TYPE_CHECKING:
@@ -86,6 +87,15 @@ class Problem(ABC):
         if weights is None:
             return np.concatenate([np.empty(0, np.int64), *(block.sum(axis=1) for block in blocks)])
         return np.concatenate([np.empty(0), *(block @ weights for block in blocks)])
+
+    def count_on_ladder(self, models: Array, rows: Array, thresholds: Array) -> NDArray[np.int64]:
+        """How many rows have a residual below each threshold: (M, L), each the square root of two times the last."""
+        counts = np.empty((len(models), len(thresholds)), np.int64)
+        step = max(1, _BLOCK // max(1, len(rows)))
+        for i in range(0, len(models), step):
+            residuals = residuals_of(self, models[i : i + step], rows)
+            count_on_ladder(residuals, float(thresholds[0]), self.minimal_size, counts[i : i + step])
+        return counts
 
     def fit_robustly(self, model: Array, rows: Array, weights: Array, threshold: float, iterations: int) -> Array:
         """`refit` with Tukey's biweight loss, constant beyond the threshold; the start or NaN if there is none.

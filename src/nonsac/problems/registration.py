@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.kernels.kabsch import fit_each, fit_similarity
+from nonsac.kernels.ladder import registration_ladder
 from nonsac.kernels.pose_math import rotate
 from nonsac.kernels.registration import (
     count_registration_inliers,
@@ -74,14 +75,22 @@ class Registration(Streaming, Problem):
     def count_inliers(self, models: Array, rows: Array, threshold: float, weights: Array | None = None) -> NDArray[Any]:
         if weights is not None:
             return super().count_inliers(models, rows, threshold, weights)
-        # Single precision is twice as fast; near the origin, in units of the threshold, its error does not matter.
+        counts = np.empty(len(models), np.int64)
+        # Single precision is twice as fast.
+        count_registration_inliers(*self._in_thresholds(models, rows, threshold), np.float32(1.0), counts)
+        return counts
+
+    def count_on_ladder(self, models: Array, rows: Array, thresholds: Array) -> NDArray[np.int64]:
+        counts = np.empty((len(models), len(thresholds)), np.int64)
+        registration_ladder(*self._in_thresholds(models, rows, float(thresholds[0])), self.minimal_size, counts)
+        return counts
+
+    def _in_thresholds(self, models: Array, rows: Array, threshold: float) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Models and columns near the origin, in units of a threshold: the error of single precision is then small."""
         shift = centre(rows)
         scaled = models.copy()
         scaled[:, :, 3] = (models[:, :, 3] + models[:, :, :3] @ shift[:3] - shift[3:]) / threshold
-        columns = np.ascontiguousarray((rows - shift).T / threshold, np.float32)
-        counts = np.empty(len(models), np.int64)
-        count_registration_inliers(scaled.astype(np.float32), columns, np.float32(1.0), counts)
-        return counts
+        return scaled.astype(np.float32), np.ascontiguousarray((rows - shift).T / threshold, np.float32)
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:
         """Weighted least squares in closed form (Horn 1987; Umeyama 1991 for the scale)."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.kernels.five_point import five_point_poses
+from nonsac.kernels.ladder import epipolar_ladder
 from nonsac.kernels.losses import mirror
 from nonsac.kernels.pose_fit import fit_pose, move
 from nonsac.kernels.sampson import (
@@ -101,6 +102,13 @@ class RelativePose(Streaming, Problem):
         columns = in_thresholds._columns(rows).astype(np.float32)
         counts = np.empty(len(models), np.int64)
         count_epipolar_inliers(in_thresholds._geometries(models).astype(np.float32), columns, counts)
+        return counts
+
+    def count_on_ladder(self, models: Array, rows: Array, thresholds: Array) -> NDArray[np.int64]:
+        in_thresholds = RelativePose(self.focal1 / thresholds[0], self.focal2 / thresholds[0])
+        columns, geometries = in_thresholds._columns(rows), in_thresholds._geometries(models)
+        counts = np.empty((len(models), len(thresholds)), np.int64)
+        epipolar_ladder(geometries.astype(np.float32), columns.astype(np.float32), self.minimal_size, counts)
         return counts
 
     def refit(self, model: Array, rows: Array, weights: Array) -> Array:

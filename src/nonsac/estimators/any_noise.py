@@ -1,0 +1,99 @@
+"""RANSAC without a threshold: each model is scored at many, and the one least likely by chance is kept.
+
+A contrario RANSAC (Moisan and Stival, IJCV 2004; Moulon, Monasse and Marlet, ACCV 2012), with one best model for each
+octave of the threshold, so that a coarse model that means little does not keep a fine one from being found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem
+from nonsac.problems.ladder import Ladder, most_telling
+
+_LOOKED_AT, _JUDGED = 2, 5
+_OCTAVE = 2  # rungs
+
+
+@dataclass
+class Best:
+    """The best model of an octave so far."""
+
+    model: Array | None = None
+    score: float = 0.0
+    rung: int = 0
+    count: int = 0
+
+
+@dataclass
+class Octaves:
+    """The best model for each octave of the threshold.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : Rows
+    ladder : Ladder
+    optimise : callable
+        A better model from one and a threshold.
+    """
+
+    problem: Problem
+    rows: Rows
+    ladder: Ladder
+    optimise: Callable[[Array, float], Array]
+    kept: list[Best] = field(default_factory=list)
+    seen: Array = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        octaves = -(-len(self.ladder.chance) // _OCTAVE)
+        self.kept = [Best() for _ in range(octaves)]
+        self.seen = np.zeros(octaves)
+
+    def take(self, models: Array) -> None:
+        """Look at more models; the most promising ones are optimised where they are."""
+        counts = self.ladder.counts(self.problem, models, self.rows)
+        scores, best = self.ladder.best(self.problem, counts, len(self.rows))
+        octaves = np.arange(len(scores)) // _OCTAVE
+        promising = []
+        for octave in range(len(self.kept)):
+            rungs = np.flatnonzero(octaves == octave)
+            rung = int(rungs[np.argmax(scores[rungs])])
+            if scores[rung] > self.seen[octave]:
+                self.seen[octave] = scores[rung]
+                promising.append((float(scores[rung]), rung, int(best[rung])))
+        for _, rung, number in sorted(promising, reverse=True)[:_LOOKED_AT]:
+            self.keep(models[number])
+            self.keep(self.optimise(models[number], float(self.ladder.thresholds[rung])))
+
+    def keep(self, model: Array) -> None:
+        """Keep a model in each octave in which it is the best so far."""
+        counts = self.ladder.counts(self.problem, model[None], self.rows)
+        scores = self.ladder.best(self.problem, counts, len(self.rows))[0]
+        for rung, score in enumerate(scores):
+            best = self.kept[rung // _OCTAVE]
+            if score > best.score:
+                best.model, best.score, best.rung, best.count = model, float(score), rung, int(counts[0, rung])
+
+    @property
+    def support(self) -> float:
+        """Rows within the threshold of the model that is least likely by chance, beyond those that are by chance."""
+        best = max(self.kept, key=lambda best: best.score)
+        return max(best.count - len(self.rows) * float(self.ladder.chance[best.rung]), 0.0)
+
+    def chosen(self) -> tuple[Array, float, float] | None:
+        """The model that is least likely by its own chance, its threshold, and minus the logarithm of the chance."""
+        ranked = sorted(self.kept, key=lambda best: -best.score)
+        models = {best.model.tobytes(): best.model for best in ranked if best.model is not None}
+        found = []
+        for model in [*models.values()][:_JUDGED]:
+            threshold, score = most_telling(self.problem, model, self.rows, self.ladder.thresholds)
+            found.append((score, -threshold, model))
+        if not found:
+            return None
+        score, threshold, model = max(found, key=lambda each: each[:2])
+        return model, -threshold, score

@@ -1,0 +1,108 @@
+"""Thresholds to choose from if the noise is not known, and how often wrong rows are within each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import xlogy
+
+from nonsac.kernels.ladder import best_on_ladder
+from nonsac.layouts import Array, Rows
+from nonsac.problems.contract import Problem, residuals_of, solved
+from nonsac.problems.facts import Facts, Places
+from nonsac.problems.noise import Noise
+
+_RUNGS, BEYOND = 21, 4
+# Shares of the residuals of wrong rows, from a 4,096th to a quarter, and on to all of them.
+LADDER = np.asarray(2.0 ** (0.5 * np.arange(1 - _RUNGS - BEYOND, 1)), np.float64)
+_COARSE = 4
+_MODELS, _WRONG_ROWS = 50, 500
+_OWN_WRONG_ROWS, _FACTS = 4000, 500
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """Thresholds, each the square root of two times the one before.
+
+    Attributes
+    ----------
+    thresholds : (L + 4,) float64
+        The last four are the surroundings of those that may be chosen.
+    chance : (L,) float64
+        How often rows that match nothing are within them, of an average model.
+    """
+
+    thresholds: Array
+    chance: Array
+
+    @classmethod
+    def of(cls, problem: Problem, rows: Rows, rng: np.random.Generator) -> Self | None:
+        """Thresholds for some rows; None if no minimal sample of them gives a model, or rows have no extent."""
+        if len(rows) <= problem.minimal_size:
+            return None
+        samples = np.stack([rng.choice(len(rows), problem.minimal_size, replace=False) for _ in range(_MODELS)])
+        models = solved(problem, rows.values[samples])
+        if not len(models):
+            return None
+        wrong = problem.background(rows.values, _WRONG_ROWS, np.random.default_rng(len(rows)))
+        residuals = residuals_of(problem, models, wrong).ravel()
+        finite = residuals[np.isfinite(residuals)]
+        unit = float(np.median(finite)) if len(finite) else 0.0
+        if not 0.0 < unit < np.inf:
+            return None
+        return cls(unit * LADDER, _rates(residuals, unit * LADDER[:_RUNGS]))
+
+    def coarse(self) -> list[float]:
+        """Every fourth of the thresholds that may be chosen, from the largest down."""
+        return [float(threshold) for threshold in self.thresholds[_RUNGS - 1 :: -_COARSE]]
+
+    def counts(self, problem: Problem, models: Array, rows: Rows) -> NDArray[np.int64]:
+        """Rows within each threshold, (M, L + 4)."""
+        return problem.count_on_ladder(models, rows.values, self.thresholds)
+
+    def best(self, problem: Problem, counts: NDArray[np.int64], rows: int) -> tuple[Array, NDArray[np.int64]]:
+        """For each threshold how unlikely the best count is by chance (L,), and which model's it is."""
+        scores, best = np.empty(_RUNGS), np.empty(_RUNGS, np.int64)
+        best_on_ladder(counts, rows, problem.minimal_size, self.chance, problem.residual_dimension, scores, best)
+        return scores, best
+
+
+def most_telling(problem: Problem, model: Array, rows: Rows, thresholds: Array) -> tuple[float, float]:
+    """The threshold at which a model is least likely by its own chance, and minus the logarithm of that chance.
+
+    As `best_on_ladder`, but inliers that say the same count once, and chance is that of this model. The threshold is
+    one of every other of those given.
+    """
+    values, fitted = rows.values, problem.minimal_size
+    residuals = residuals_of(problem, model[None], values)[0]
+    wrong = problem.background(values, _OWN_WRONG_ROWS, np.random.default_rng(len(rows)))
+    rates = _rates(residuals_of(problem, model[None], wrong)[0], thresholds)
+    counts, dimension = np.searchsorted(np.sort(residuals), thresholds), problem.residual_dimension
+    best, most, places = float(thresholds[0]), 0.0, Places.of(problem, values)
+    for rung in range(len(thresholds) - BEYOND - 1, -1, -2):
+        if counts[rung] <= fitted:
+            break
+        threshold = float(thresholds[rung])
+        inliers = values[residuals < threshold]
+        facts = Facts.of(model, inliers, len(rows), Noise.within(threshold), places, _FACTS)
+        beside = [(counts[rung + k] - counts[rung] + 0.5) / (2.0 ** (k * dimension / 2) - 1.0) for k in (2, 4)]
+        rate = max(rates[rung], *(each / len(rows) for each in beside))
+        score = -log_chance(facts.count - fitted, facts.rows - fitted, rate)
+        if score >= most > 0.0 or score > most:
+            best, most = threshold, score
+    return best, most
+
+
+def log_chance(inliers: int, rows: int, rate: float) -> float:
+    """Upper bound of the logarithm of a binomial tail (Hoeffding 1963): 0 if there are no more than expected."""
+    share = inliers / rows
+    if not rate < share <= 1.0:
+        return 0.0
+    return -rows * float(xlogy(share, share / rate) + xlogy(1.0 - share, (1.0 - share) / (1.0 - rate)))
+
+
+def _rates(residuals: Array, thresholds: Array) -> Array:
+    return np.asarray((np.searchsorted(np.sort(residuals), thresholds) + 0.5) / (len(residuals) + 1))
