@@ -27,6 +27,7 @@ class Best:
     score: float = 0.0
     rung: int = 0
     count: int = 0
+    further: int = 0  # within twice the threshold
 
 
 @dataclass
@@ -77,13 +78,18 @@ class Octaves:
         for rung, score in enumerate(scores):
             best = self.kept[rung // _OCTAVE]
             if score > best.score:
-                best.model, best.score, best.rung, best.count = model, float(score), rung, int(counts[0, rung])
+                best.model, best.score, best.rung = model, float(score), rung
+                best.count, best.further = int(counts[0, rung]), int(counts[0, rung + _OCTAVE])
 
     @property
     def support(self) -> float:
-        """Rows within the threshold of the model that is least likely by chance, beyond those that are by chance."""
+        """Rows within the threshold of the model that is least likely by chance, beyond those that are by chance.
+
+        As dense as between that threshold and twice it, rows are there by chance.
+        """
         best = max(self.kept, key=lambda best: best.score)
-        return max(best.count - len(self.rows) * float(self.ladder.chance[best.rung]), 0.0)
+        beside = (best.further - best.count) / (2.0**self.problem.residual_dimension - 1.0)
+        return max(best.count - max(len(self.rows) * float(self.ladder.chance[best.rung]), beside), 0.0)
 
     def chosen(self) -> tuple[Array, float, float] | None:
         """The model that is least likely by its own chance, its threshold, and minus the logarithm of the chance."""

@@ -24,6 +24,7 @@ _MODELS = 50
 _FALLBACK_SHARE = 0.01
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _VERY_DIFFERENT = 3.0
+_SURELY = 3.0  # a model that is right in part means something, too
 _SAMPLES_FOR_NOISE, _SAMPLES_FOR_GUESS = 12, 3
 _TURNS, _FIT, _LEAST_RUNG = 3, 10, 0.01
 _ROWS_SEEN, _LOG_CHANCE = 2000, float(np.log(1e-6))
@@ -68,7 +69,7 @@ def first_findings(task: SampleTask, samples: int) -> Findings | None:
                 return None
             break
         found.append(replace(_settled(task.problem, hypothesis, rows), sample=sample, dropped=dropped))
-        if hypothesis.log_chance < _LOG_CHANCE - np.log(max(hypothesis.tested or 1, 1)):
+        if hypothesis.log_chance < _SURELY * _LOG_CHANCE - np.log(max(hypothesis.tested or 1, 1)):
             break
     best = min(found, key=lambda hypothesis: hypothesis.log_chance)
     return Findings(tuple(found), Noise.within(best.threshold).sigma)
