@@ -1,4 +1,4 @@
-"""What the benchmarks share: calls with a time limit, the machine they ran on, and their JSON files."""
+"""What the benchmarks share: calls with a time limit, the machine they ran on, their JSON files and pages."""
 
 from __future__ import annotations
 
@@ -148,6 +148,12 @@ def write(path: Path, benchmark: str, **content: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(head | content, indent=1) + "\n")
     say(f"wrote {path.name}")
+
+
+def renewed(page: str, begin: str, end: str, block: str) -> str:
+    """A page with another block between the two markers."""
+    head, rest = page.split(begin)
+    return f"{head}{begin}\n\n{block}\n\n{end}{rest.split(end, 1)[1]}"
 
 
 def commit() -> str:

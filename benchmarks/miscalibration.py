@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import RESULTS, commit, say, write
+from common import RESULTS, commit, renewed, say, write
 from reproduction import markdown, paragraph
 from scipy.spatial.transform import Rotation
 
@@ -126,8 +126,7 @@ def measure(seeds: int) -> None:
 
 def write_page(rows: Sequence[dict[str, Any]]) -> None:
     """Write the block of docs/verdict.md."""
-    head, rest = PAGE.read_text().split(BEGIN)
-    PAGE.write_text(f"{head}{BEGIN}\n\n{block(rows)}\n\n{END}{rest.split(END, 1)[1]}")
+    PAGE.write_text(renewed(PAGE.read_text(), BEGIN, END, block(rows)))
 
 
 def block(rows: Sequence[dict[str, Any]]) -> str:

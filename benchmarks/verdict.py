@@ -2,36 +2,36 @@
 
     python benchmarks/verdict.py [--data FOLDER] [--seeds 1000] [--cloud-seeds 200] [--workers 2] [--journal FILE]
     python benchmarks/verdict.py --miscalibrated [--seeds 200]
+    python benchmarks/verdict.py --structured [--data FOLDER] [--seeds 300] [--workers 2] [--journal FILE]
     python benchmarks/verdict.py --page
     python benchmarks/verdict.py --check
 
 The first writes benchmarks/results/verdict.json, then the picture and the block of docs/verdict.md that
-`verdict_page.py` makes of it; --page only makes these anew, and --check compares the page with the JSON. Real data are
-looked for in the folder that NONSAC_DATA names. The second measures cameras that are not what is said of them (see
-miscalibration.py). With a journal, each outcome is kept as a line of JSON, and a run
-that was stopped goes on there.
+`verdict_page.py` makes of it. The second measures cameras that are not what is said of them (see miscalibration.py),
+the third wrong matches that have structure (see structured.py). --page only makes the picture and the blocks of the
+first and the third anew, and --check compares these blocks with the JSON. Real data are looked for in the folder that
+NONSAC_DATA names. With a journal, each outcome is kept as a line of JSON, and a run that was stopped goes on there.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
-import os
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import journal
 import miscalibration
 import numpy as np
+import structured
+import structured_page
 import verdict_page
-from common import RESULTS, commit, say, write
+from common import RESULTS, commit, write
 
 import nonsac
 from clouds import DATA, Condition, Trial, turn_about
@@ -40,7 +40,6 @@ from nonsac.io import read_cloud
 from nonsac.layouts import Array
 from nonsac.reproduce.experiments import EXPERIMENTS
 from nonsac.result import Result
-from nonsac.running.executors import Workers, ordered_map
 from nonsac.simulate import demo_scans, random_rotation
 
 JSON = RESULTS / "verdict.json"
@@ -68,6 +67,11 @@ class Task:
     problem: str
     kind: str
     seed: int
+
+    @property
+    def group(self) -> tuple[str, str]:
+        """Of tasks that use the same code."""
+        return self.problem, self.kind
 
     def generator(self) -> np.random.Generator:
         """The trial's own."""
@@ -332,54 +336,6 @@ def all_tasks(seeds: int, cloud_seeds: int) -> tuple[Task, ...]:
     )
 
 
-def run(study: Study, workers: int, journal: Path | None, settings: Mapping[str, Any]) -> list[Outcome]:
-    """All outcomes in the order of the tasks, first those that the journal holds."""
-    outcomes = finished(journal, settings)
-    waiting = Study(study.tasks[len(outcomes) :], study.data, study.samples)
-    with pool(workers, waiting) as processes:
-        for outcome in ordered_map(waiting, len(waiting.tasks), processes):
-            outcomes.append(outcome)
-            keep(journal, asdict(outcome))
-            if len(outcomes) % 50 == 0 or (outcome.trusted and not outcome.right):
-                say(f"{len(outcomes)} of {len(study.tasks)}: {outcome}")
-    return outcomes
-
-
-@contextmanager
-def pool(workers: int, study: Study) -> Iterator[Workers]:
-    """Processes, once the kernels have been compiled for all of them."""
-    if workers == 1:
-        yield 1
-        return
-    for number in {(task.problem, task.kind): number for number, task in enumerate(study.tasks)}.values():
-        study(number)
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as processes:
-        yield processes
-
-
-def finished(journal: Path | None, settings: Mapping[str, Any]) -> list[Outcome]:
-    """What a run with the same settings has left; a journal that is not there is begun."""
-    if journal is None or not journal.exists():
-        keep(journal, settings)
-        return []
-    content = journal.read_bytes()
-    whole = content[: content.rfind(b"\n") + 1]  # the last line is torn where the run was killed
-    os.truncate(journal, len(whole))
-    lines = [json.loads(line) for line in whole.splitlines()]
-    if not lines:
-        keep(journal, settings)
-    elif lines.pop(0) != json.loads(json.dumps(settings)):
-        sys.exit(f"{journal.name} comes from other settings; remove it to start anew")
-    return [Outcome(**line) for line in lines]
-
-
-def keep(journal: Path | None, content: Mapping[str, Any]) -> None:
-    """Add a line to the journal."""
-    if journal is not None:
-        with journal.open("a") as file:
-            file.write(json.dumps(content) + "\n")
-
-
 # --- summaries ---------------------------------------------------------
 
 
@@ -433,25 +389,31 @@ def summaries(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
 def main() -> None:
     """Measure and write all, or write the page only, or compare it."""
     options = parse()
-    if options.miscalibrated:
-        miscalibration.measure(min(options.seeds, 200))
-        return
     if options.check:
-        sys.exit(verdict_page.difference(JSON))
-    if not options.page:
+        sys.exit(verdict_page.difference(JSON) or structured_page.difference(structured.JSON))
+    if options.miscalibrated:
+        miscalibration.measure(min(options.seeds or 200, 200))
+    elif options.structured and not options.page:
+        structured.measure(options.data, options.seeds or 300, options.workers, options.journal)
+        structured_page.write(structured.JSON)
+    elif options.page:
+        verdict_page.write(JSON)
+        structured_page.write(structured.JSON)
+    else:
         measure(options)
-    verdict_page.write(JSON)
+        verdict_page.write(JSON)
 
 
 def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=DATA, help="the folder of the real data")
-    parser.add_argument("--seeds", type=int, default=1000, help="trials of each kind for given matches")
+    parser.add_argument("--seeds", type=int, help="trials of each kind for given matches: 1000, 200 or 300")
     parser.add_argument("--cloud-seeds", type=int, default=200, help="trials of each kind for raw clouds")
     parser.add_argument("--samples", type=int, default=10, help="at most so many samples of given matches")
     parser.add_argument("--workers", type=int, default=2, help="processes; they do not change the results")
     parser.add_argument("--journal", type=Path, help="keeps each outcome; a run that was stopped goes on there")
     parser.add_argument("--miscalibrated", action="store_true", help="measure wrong calibrations only")
+    parser.add_argument("--structured", action="store_true", help="measure wrong matches with structure only")
     parser.add_argument("--page", action="store_true", help="write the page and the picture only")
     parser.add_argument("--check", action="store_true", help="compare the page with the JSON, and write nothing")
     return parser.parse_args()
@@ -461,12 +423,13 @@ def measure(options: argparse.Namespace) -> None:
     """Run all tasks and write the JSON."""
     if not any(options.data.glob("*/pairs.json")):
         sys.exit(f"no real data in {options.data.name}; give their folder (--data), or set NONSAC_DATA")
-    settings = {name: getattr(options, name) for name in ("seeds", "cloud_seeds", "samples")}
+    seeds = options.seeds or 1000
+    settings = {"seeds": seeds} | {name: getattr(options, name) for name in ("cloud_seeds", "samples")}
     settings |= {"wrong_degrees": WRONG, "wrong_shift": WRONG_SHIFT, "limits": LIMITS}
     settings |= {"conditions": [described(condition) for condition in CONDITIONS]}
     settings |= {"grid": {name: [list(e.outlier_ratios), list(e.noises)] for name, e in EXPERIMENTS.items()}}
-    study = Study(all_tasks(options.seeds, options.cloud_seeds), options.data, options.samples)
-    outcomes = run(study, options.workers, options.journal, settings | {"commit": commit()})
+    study = Study(all_tasks(seeds, options.cloud_seeds), options.data, options.samples)
+    outcomes = journal.run(study, Outcome, options.workers, options.journal, settings | {"commit": commit()})
     mistakes = [asdict(outcome) for outcome in outcomes if outcome.trusted and not outcome.right]
     results = summaries(outcomes)
     calibration = verdict_page.calibration(results)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import renewed
 from reproduction import markdown, paragraph
 from scipy.special import betaincinv
 
@@ -156,9 +157,7 @@ def difference(path: Path) -> str | None:
 
 def fresh_page(report: Report) -> str:
     """The page with the block between the markers made anew."""
-    head, rest = PAGE.read_text().split(BEGIN)
-    tail = rest.split(END, 1)[1]
-    return f"{head}{BEGIN}\n\n{block(report)}\n\n{END}{tail}"
+    return renewed(PAGE.read_text(), BEGIN, END, block(report))
 
 
 def block(report: Report) -> str:
