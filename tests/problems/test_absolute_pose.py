@@ -185,13 +185,13 @@ def test_the_angle_between_rotations_is_the_distance(rng):
         assert PROBLEM.distance(model, naive.nudged(rng, model, degrees)) == pytest.approx(degrees, rel=1e-6)
 
 
-def test_determined_means_ten_degrees_of_rotation(rng):
-    """At a noise of a fifth of the threshold; the sine of the angle is 0.17."""
+def test_determined_means_half_a_radian_of_rotation(rng):
+    """At a noise of a fifth of the threshold."""
     for _ in range(20):
         model, rows = matching(rng, 6)
         jacobian = numerical_jacobian(model, rows)
         sigma = np.linalg.eigvalsh(np.linalg.inv(jacobian.T @ jacobian)[:3, :3])[-1] ** 0.5
-        limit = 5 * 0.17 / sigma
+        limit = 5 * 0.5 / sigma
         for pose, there in ((model, rows), elsewhere(model, rows)):
             assert PROBLEM.determined(pose, there, Noise.within(0.98 * limit))
             assert not PROBLEM.determined(pose, there, Noise.within(1.02 * limit))

@@ -13,7 +13,7 @@ import numpy as np
 
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem
-from nonsac.problems.ladder import Ladder, most_telling
+from nonsac.problems.ladder import Ladder, Telling
 
 _LOOKED_AT, _JUDGED = 2, 5
 _OCTAVE = 2  # rungs
@@ -95,10 +95,10 @@ class Octaves:
         """The model that is least likely by its own chance, its threshold, and minus the logarithm of the chance."""
         ranked = sorted(self.kept, key=lambda best: -best.score)
         models = {best.model.tobytes(): best.model for best in ranked if best.model is not None}
-        found = []
+        found, telling = [], Telling(self.problem, self.rows)
         for model in [*models.values()][:_JUDGED]:
-            threshold, score = most_telling(self.problem, model, self.rows, self.ladder.thresholds)
-            found.append((score, -threshold, model))
+            level = telling.of(model, self.ladder.thresholds)
+            found.append((level.score, -level.threshold, model))
         if not found:
             return None
         score, threshold, model = max(found, key=lambda each: each[:2])

@@ -9,7 +9,7 @@ import numpy as np
 
 from nonsac.layouts import Array, Rows
 from nonsac.method.noise import noise_remarks
-from nonsac.method.residuals import measured_noise, noise_of_model
+from nonsac.method.residuals import measured_noise, noise_of_model, telling_of
 from nonsac.method.verdict import Candidate, Effort, Verdict, alternative, judge_rows
 from nonsac.problems.contract import Problem
 from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
@@ -54,7 +54,7 @@ class Judgement:
         if noise.known:
             measured = measured_noise(candidate.residuals, noise.threshold, problem.residual_dimension)
         else:
-            measured = noise_of_model(problem, model, rows, candidate.residuals)
+            measured = noise_of_model(model, candidate.residuals, telling_of(problem, rows))
         trusted = verdict.status in (Status.OK, Status.AMBIGUOUS)
         covariance = _covariance(candidate) if trusted else None
         return cls(candidate, verdict, measured, covariance, _uncertainty(candidate, covariance))

@@ -9,7 +9,7 @@ import numpy as np
 
 from nonsac.estimators.contract import Estimator, checked_hypothesis
 from nonsac.layouts import Array, Rows
-from nonsac.method.residuals import Residuals, background, chance_rate, measured_noise, noise_of_model
+from nonsac.method.residuals import Residuals, background, chance_rate, measured_noise, noise_of_model, telling_of
 from nonsac.method.search import SampleTask
 from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of, solved
 from nonsac.problems.fits import reweighted_fit
@@ -24,8 +24,9 @@ _MODELS = 50
 _FALLBACK_SHARE = 0.01
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _VERY_DIFFERENT = 3.0
-_SURELY = 3.0  # a model that is right in part means something, too
+_SURELY = 2.5  # a model that is right in part means something, too
 _SAMPLES_FOR_NOISE, _SAMPLES_FOR_GUESS = 12, 3
+_NO_CHANGE = 0.1
 _TURNS, _FIT, _LEAST_RUNG = 3, 10, 0.01
 _ROWS_SEEN, _LOG_CHANCE = 2000, float(np.log(1e-6))
 
@@ -95,12 +96,15 @@ def _settled(problem: Problem, found: Hypothesis, rows: Rows) -> Hypothesis:
     """The model at the noise that it shows."""
     threshold = found.threshold
     model = reweighted_fit(problem, found.model, rows, threshold, _FIT)
+    telling = telling_of(problem, rows)
     for _ in range(_TURNS):
-        shown = Residuals.of(problem, model, rows)
-        noise = noise_of_model(problem, model, rows, shown)
+        noise = noise_of_model(model, Residuals.of(problem, model, rows), telling)
+        before, threshold = threshold, max(Noise.given(noise).threshold, _LEAST_RUNG * found.threshold)
         if not noise > 0.0:
+            threshold = before
             break
-        threshold = max(Noise.given(noise).threshold, _LEAST_RUNG * found.threshold)
+        if abs(threshold - before) < _NO_CHANGE * before:
+            break
         model = reweighted_fit(problem, model, rows, threshold, _FIT)
     residuals = residuals_of(problem, model[None], rows.values)[0]
     return replace(found, model=model, residuals=residuals, threshold=threshold)

@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, residuals_of
-from nonsac.problems.ladder import LADDER, most_telling
+from nonsac.problems.ladder import LADDER, Telling
 from nonsac.problems.noise import Noise
 
 _WINDOWS, _AROUND, _ROWS = 12, 2.5, 4000
@@ -33,7 +33,7 @@ class Residuals:
         return np.count_nonzero(self.of_rows < threshold) / len(self.of_rows) - chance_rate(self.background, threshold)
 
 
-def noise_of_model(problem: Problem, model: Array, rows: Rows, residuals: Residuals) -> float:
+def noise_of_model(model: Array, residuals: Residuals, telling: Telling) -> float:
     """Standard deviation of the inliers of a model, if nothing is known of it: NaN if there are none beyond chance.
 
     They are looked for within the threshold at which they are least likely by chance, and around it.
@@ -41,10 +41,15 @@ def noise_of_model(problem: Problem, model: Array, rows: Rows, residuals: Residu
     unit = float(np.median(residuals.background))
     if not 0.0 < unit < np.inf:
         return float("nan")
-    threshold, score = most_telling(problem, model, rows.some(_ROWS), unit * LADDER)
-    if not score > 0.0:
+    level = telling.of(model, unit * LADDER)
+    if not level.score > 0.0:
         return float("nan")
-    return measured_noise(residuals, threshold, problem.residual_dimension, _AROUND * threshold)
+    return measured_noise(residuals, level.threshold, telling.problem.residual_dimension, _AROUND * level.threshold)
+
+
+def telling_of(problem: Problem, rows: Rows) -> Telling:
+    """What `noise_of_model` needs of the rows; some are enough."""
+    return Telling(problem, rows.some(_ROWS))
 
 
 def measured_noise(residuals: Residuals, threshold: float, dimension: int, most: float = np.inf) -> float:

@@ -16,7 +16,7 @@ from nonsac.method.doubts import certainty, disagreement, slippage
 from nonsac.method.residuals import Residuals, chance_rate, measured_noise
 from nonsac.problems.contract import Problem
 from nonsac.problems.facts import Facts, Places
-from nonsac.problems.ladder import BEYOND, LADDER, most_telling
+from nonsac.problems.ladder import BEYOND, LADDER, Telling
 from nonsac.problems.noise import Noise
 from nonsac.result import Alternative, Remark, Status
 
@@ -104,7 +104,7 @@ class Candidate:
         Nobody gave the noise, so that none of them is better founded than the others.
         """
         thresholds = self.noise.threshold * LADDER[-_AROUND - BEYOND :] / LADDER[-_ABOVE - BEYOND]
-        return float(_AROUND * np.exp(-most_telling(self.problem, self.model, self.rows, thresholds)[1]))
+        return _AROUND * Telling(self.problem, self.rows).of(self.model, thresholds).chance
 
     def without_copies(self) -> Candidate:
         """The same model on different rows only, if some inliers are copies of others."""

@@ -110,7 +110,7 @@ class AbsolutePose(Streaming, Problem):
         return moved_origin(fitted, -origin) if ok else self.no_model
 
     def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
-        """False for points on a line, and if the rotation is uncertain by ten degrees or more."""
+        """False for points on a line, and if the rotation is uncertain by half a radian or more."""
         if len(inliers) < self.minimal_size or not spread_out(inliers[:, 2:]):
             return False
         if not np.isfinite(model).all():

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import xlogy
+from scipy.special import betainc, xlogy
 
 from nonsac.kernels.ladder import best_on_ladder
 from nonsac.layouts import Array, Rows
@@ -70,30 +71,88 @@ class Ladder:
         return scores, best
 
 
-def most_telling(problem: Problem, model: Array, rows: Rows, thresholds: Array) -> tuple[float, float]:
-    """The threshold at which a model is least likely by its own chance, and minus the logarithm of that chance.
+class Level(NamedTuple):
+    """What a model comes to at a threshold.
 
-    As `best_on_ladder`, but inliers that say the same count once, and chance is that of this model. The threshold is
-    one of every other of those given.
+    Attributes
+    ----------
+    threshold : float
+    score : float
+        Minus the logarithm of a bound of its chance.
+    facts, rows : int
+        Beyond a minimal sample.
+    rate : float
+        How often a row is within the threshold by chance.
     """
-    values, fitted = rows.values, problem.minimal_size
-    residuals = residuals_of(problem, model[None], values)[0]
-    wrong = problem.background(values, _OWN_WRONG_ROWS, np.random.default_rng(len(rows)))
-    rates = _rates(residuals_of(problem, model[None], wrong)[0], thresholds)
-    counts, dimension = np.searchsorted(np.sort(residuals), thresholds), problem.residual_dimension
-    best, most, places = float(thresholds[0]), 0.0, Places.of(problem, values)
-    for rung in range(len(thresholds) - BEYOND - 1, -1, -2):
-        if counts[rung] <= fitted:
-            break
-        threshold = float(thresholds[rung])
-        inliers = values[residuals < threshold]
-        facts = Facts.of(model, inliers, len(rows), Noise.within(threshold), places, _FACTS)
-        beside = [(counts[rung + k] - counts[rung] + 0.5) / (2.0 ** (k * dimension / 2) - 1.0) for k in (2, 4)]
-        rate = max(rates[rung], *(each / len(rows) for each in beside))
-        score = -log_chance(facts.count - fitted, facts.rows - fitted, rate)
-        if score >= most > 0.0 or score > most:
-            best, most = threshold, score
-    return best, most
+
+    threshold: float
+    score: float
+    facts: int
+    rows: int
+    rate: float
+
+    @property
+    def chance(self) -> float:
+        """Probability of as many facts or more (a binomial tail)."""
+        if self.facts <= 0:
+            return 1.0
+        return float(betainc(self.facts, max(self.rows - self.facts, 0) + 1, self.rate))
+
+
+@dataclass(frozen=True, eq=False)
+class Telling:
+    """At which threshold models of some rows are least likely by chance, if inliers that say the same count once.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : Rows
+    """
+
+    problem: Problem
+    rows: Rows
+
+    def of(self, model: Array, thresholds: Array) -> Level:
+        """The threshold at which a model is least likely by its own chance.
+
+        As `best_on_ladder`, but with facts, and the chance of this model. The threshold is one of every other of those
+        given. No facts are counted where even as many as there are inliers would mean less.
+        """
+        problem, values, fitted = self.problem, self.rows.values, self.problem.minimal_size
+        residuals = residuals_of(problem, model[None], values)[0]
+        counts = np.searchsorted(np.sort(residuals), thresholds)
+        rates = self._rates(model, thresholds, counts)
+        rungs = [rung for rung in range(0, len(rates), 2) if counts[rung] > fitted]
+        bounds = {rung: -log_chance(int(counts[rung]) - fitted, len(values) - fitted, rates[rung]) for rung in rungs}
+        best = Level(float(thresholds[0]), 0.0, 0, len(values) - fitted, 1.0)
+        for rung in sorted(rungs, key=lambda rung: (-bounds[rung], rung)):
+            if bounds[rung] <= best.score:
+                break
+            threshold = float(thresholds[rung])
+            inliers = values[residuals < threshold]
+            facts = Facts.of(model, inliers, len(values), Noise.within(threshold), self._places, _FACTS)
+            count, rows = facts.count - fitted, facts.rows - fitted
+            score = -log_chance(count, rows, rates[rung])
+            if score > best.score:
+                best = Level(threshold, score, count, rows, float(rates[rung]))
+        return best
+
+    def _rates(self, model: Array, thresholds: Array, counts: NDArray[np.int64]) -> Array:
+        """How often rows are within all but the last thresholds by chance, or by what lies beside them."""
+        own = _rates(residuals_of(self.problem, model[None], self._wrong)[0], thresholds[:-BEYOND])
+        dimension = self.problem.residual_dimension
+        for further in (2, BEYOND):
+            more = counts[further : len(counts) - BEYOND + further] - counts[:-BEYOND] + 0.5
+            own = np.maximum(own, more / (2.0 ** (further * dimension / 2) - 1.0) / len(self.rows))
+        return own
+
+    @cached_property
+    def _wrong(self) -> Array:
+        return self.problem.background(self.rows.values, _OWN_WRONG_ROWS, np.random.default_rng(len(self.rows)))
+
+    @cached_property
+    def _places(self) -> Places:
+        return Places.of(self.problem, self.rows.values)
 
 
 def log_chance(inliers: int, rows: int, rate: float) -> float:

@@ -10,7 +10,7 @@ from nonsac.values.numeric import as_real, shown
 
 RESOLVED = 6.0  # standard deviations within which two places are one
 ROTATION, SHIFT = slice(0, 3), slice(3, 6)  # parameters of a covariance
-_LARGEST_ROTATION_SIGMA = 0.17
+_LARGEST_ROTATION_SIGMA = 0.5  # radians; smaller errors are for `max_uncertainty` to judge
 
 
 def positive(name: str, value: float) -> float:
@@ -40,7 +40,7 @@ def rotation_distance(a: Array, b: Array) -> Array:
 
 
 def rotation_is_certain(covariance: Array) -> bool:
-    """Whether the first three parameters, a rotation vector, are known to ten degrees or better."""
+    """Whether the first three parameters, a rotation vector, are known to half a radian or better."""
     block = covariance[:3, :3]
     return bool(np.isfinite(block).all() and np.linalg.eigvalsh(block)[-1] < _LARGEST_ROTATION_SIGMA**2)
 

@@ -45,6 +45,7 @@ from nonsac.problems.two_view import (
     miscalibrated_rotation,
     plane_of,
     pose_of_same_plane,
+    reversed_in_depth,
     rotation_of,
     seen_through_plane,
     transfer_errors,
@@ -53,6 +54,8 @@ from nonsac.result import Remark, Uncertainty
 
 _PLANE_ROWS, _CALIBRATION_ROWS = 300, 100
 _REACH = 0.95  # of the inliers
+_MOST, _NARROW, _TWIN_FIT = 0.9, 0.27, 50  # tan 15 degrees
+_SAME = 3.0  # degrees
 _VISIBLE_BEND = 0.02
 
 
@@ -126,7 +129,7 @@ class RelativePose(Streaming, Problem):
         return fitted if ok else self.no_model
 
     def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
-        """Whether rotation and direction of the translation are known to ten and twenty degrees.
+        """Whether rotation and direction of the translation are known to half a radian and 0.7, at all.
 
         Points on a plane determine them up to a second solution (see `special_cases`).
         """
@@ -134,7 +137,7 @@ class RelativePose(Streaming, Problem):
             return len(inliers) >= self.minimal_size and all(spread_out(half) for half in np.hsplit(inliers, 2))
         covariance = least_squares_covariance(self._derivatives(model, inliers)[1], noise.sigma)
         block = covariance[3:, 3:]
-        direction_is_certain = np.isfinite(block).all() and np.linalg.eigvalsh(block)[-1] < 0.35**2
+        direction_is_certain = np.isfinite(block).all() and np.linalg.eigvalsh(block)[-1] < 0.7**2
         return bool(direction_is_certain) and rotation_is_certain(covariance)
 
     def resolution(self, model: Array, inliers: Array, noise: Noise) -> Array:
@@ -157,7 +160,20 @@ class RelativePose(Streaming, Problem):
         cases = [SpecialCase("pure rotation", by_rotation, determined=False, displaced=displaced)]
         if by_rotation.mean() < 0.95:
             cases.append(self._seen_with_wrong_calibration(turned, inliers, noise))
-        return (*cases, self._plane(model, inliers, threshold))
+        return (*cases, *self._second_poses(model, inliers, threshold))
+
+    def _second_poses(self, model: Array, inliers: Array, threshold: float) -> list[SpecialCase]:
+        """What is known to allow a second pose: a plane, and little perspective."""
+        plane = self._plane(model, inliers, threshold)
+        radius = np.linalg.norm(inliers[:, :2] - np.median(inliers[:, :2], axis=0), axis=1)
+        if np.quantile(radius, _MOST) > _NARROW:
+            return [plane]
+        twin = reversed_in_depth(model, inliers)
+        fitted = self.fit_robustly(twin, inliers, np.ones(len(inliers)), 2.0 * threshold, _TWIN_FIT)
+        if not np.isfinite(fitted).all() or any(_are_alike(fitted, known) for known in (model, *plane.others)):
+            return [plane]
+        explains = self.residuals(fitted[None], inliers)[0] < threshold
+        return [SpecialCase("reversed in depth", explains, determined=True, others=fitted[None]), plane]
 
     def _displaced(self, turned: Array, threshold: float, reach: float, rows: Array) -> tuple[NDArray[np.bool_], Array]:
         """Rows that a rotation misses by no more than inliers of the pose do, and the same missed in any direction."""
@@ -170,7 +186,7 @@ class RelativePose(Streaming, Problem):
         return near, np.hstack([first, seen + lengths * np.column_stack([np.cos(angles), np.sin(angles)])])
 
     def twins(self, model: Array, inliers: Array, noise: Noise) -> Sequence[Array]:
-        return list(self._plane(model, inliers, noise.threshold).others)
+        return [other for case in self._second_poses(model, inliers, noise.threshold) for other in case.others]
 
     def _plane(self, model: Array, inliers: Array, threshold: float) -> SpecialCase:
         some = inliers[:: max(1, len(inliers) // _PLANE_ROWS)]
@@ -255,3 +271,8 @@ class RelativePose(Streaming, Problem):
         """The coordinates in pixels (4, N), copied once."""
         focals = np.array([self.focal1, self.focal1, self.focal2, self.focal2])
         return np.multiply(rows.T, focals[:, None], order="C")
+
+
+def _are_alike(a: Array, b: Array) -> bool:
+    """Whether two poses are the same but for some degrees."""
+    return bool(rotation_distance(a, b) < _SAME and a[:, 3] @ b[:, 3] > 0.0)

@@ -208,6 +208,32 @@ def pose_of_same_plane(model: Array, plane: Array, rows: Array) -> Array:
     return np.stack(others) if others else np.empty((0, 3, 4))
 
 
+def reversed_in_depth(model: Array, rows: Array) -> Array:
+    """The pose (3, 4) for which what was near is far: with little perspective it gives nearly the same images.
+
+    The turn about an axis across the line of sight changes its sign (Necker reversal; Koenderink and van Doorn, "Affine
+    structure from motion", 1991); the middle of the scene stays where it is.
+    """
+    depth = 1.0 / max(float(np.median(_inverse_depths(model, rows)[1])), 1e-12)
+    middle = depth * np.array([*np.median(rows[:, :2], axis=0), 1.0])
+    second = model[:, :3] @ middle + model[:, 3]
+    frame1, frame2 = _turn_to(middle), _turn_to(second)
+    seen = frame2.T @ model[:, :3] @ frame1
+    spin = _turn_to(seen[:, 2]).T @ seen
+    rotation = frame2 @ _turn_to(seen[:, 2] * [-1.0, -1.0, 1.0]) @ spin @ frame1.T
+    shift = second - rotation @ middle
+    return np.column_stack([rotation, shift / max(float(np.linalg.norm(shift)), 1e-300)])
+
+
+def _turn_to(direction: Array) -> Array:
+    """The smallest rotation (3, 3) of the line of sight (0, 0, 1) to a direction."""
+    x, y, z = direction / np.linalg.norm(direction)
+    if z < -1.0 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    cross = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    return np.eye(3) + cross + cross @ cross / (1.0 + z)
+
+
 def are_mirrored(first: Array, second: Array) -> bool:
     """Whether points (n, 2) of one image lie in the other as in a mirror: the affine map between them turns over.
 
