@@ -190,8 +190,9 @@ def narrow_view(n: int, outlier_ratio: float, noise: float, rng: Seed, degrees: 
     check_not_negative("noise", noise)
     generator = generator_of(rng)
     half = np.tan(np.radians(0.5 * degrees))
-    points = _body(n, generator)
-    distance = np.abs(points).max() / half
+    points = _body(n, generator)[:, [0, 2, 1]]  # upright in the image
+    points[:, 1] -= 0.8
+    distance = float((np.abs(points[:, :2]).max(axis=1) / half - points[:, 2]).max())
     points[:, 2] += distance
     T = np.eye(4)
     axis = np.array([0.0, 1.0, 0.0]) + 0.3 * generator.standard_normal(3)
