@@ -26,7 +26,7 @@ from cli_samples import (
     write_photo,
     write_table,
 )
-from nonsac import io, plot
+from nonsac import io, plot, simulate
 from nonsac.calls import poses
 
 CAMERAS = ("--camera1", str(FIRST), "--camera2", str(SECOND))
@@ -151,6 +151,21 @@ def test_normalised_points_need_no_camera(folder, run):
     assert report["camera1"] is report["camera2"] is None
     _, out, _ = run("relative-pose", "pairs.csv", "--noise", 0.001)
     assert "camera1: none, the points are normalised" in out
+
+
+def test_an_uncertain_pose_fails_unless_that_much_is_allowed(folder, run):
+    half = np.tan(np.radians(5.5))
+    views = simulate.narrow_view(200, 0.3, 0.004, 2)
+    pixels = [500.0 / half * points + 500.0 for points in (views.points1, views.points2)]
+    table = write_table("narrow.npy", np.hstack(pixels), HEADER)
+    arguments = (table, "--camera1", f"PINHOLE {500 / half} {500 / half} 500 500", "--noise", 2.0)
+    report = as_json(run, *arguments, code=1)
+    assert report["status"] == "uncertain"
+    assert 5.0 < report["uncertainty"]["rotation"] < 20.0
+    allowed = as_json(run, *arguments, "--max-uncertainty", 30)
+    assert allowed["success"]
+    assert allowed["T"] == report["T"]
+    as_json(run, *arguments, "--max-uncertainty", 5.5, code=1)
 
 
 def test_options_are_passed_on(table, views, monkeypatch, run):

@@ -15,6 +15,7 @@ from nonsac.method.refine import AsSelected
 from nonsac.method.sampling import sample_rows, sample_start
 from nonsac.method.scoring import MostInliers, ScoringRule, TruncatedLp
 from nonsac.problems import ContractBroken
+from nonsac.result import Uncertainty
 from nonsac.sources import ArraySource
 
 SEED, NOISE = 7, 0.2
@@ -474,6 +475,67 @@ def test_automatic_samples_end_after_ten_passes():
     judge = Judge(NOTHING)
     run(shifted_rows(100), samples="auto", max_samples=10**6, sample_size=40, refine=judge)
     assert judge.asked[-1] == 25
+
+
+class Unsure(SpyRefiner):
+    """Trusts its answers, and says how uncertain each is: by so many degrees of rotation, and twice as many of t."""
+
+    def __init__(self, *degrees, confidence=1.0, status=Status.OK):
+        self.degrees, self.verdict, self.asked = list(degrees), (status, confidence), []
+
+    def refine(self, search, winner):
+        self.asked.append(len(search.hypotheses))
+        degrees = self.degrees[min(len(self.asked), len(self.degrees)) - 1]
+        uncertainty = None if degrees is None else Uncertainty(degrees, 99.0, 2.0 * degrees)
+        return Refinement(search.hypotheses[winner].model, *self.verdict, 12, 34, uncertainty=uncertainty)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "status", "confidence"),
+    [
+        (0.0, Status.OK, 1.0),
+        (2.5, Status.OK, 1.0 - 1.0 / 32.0),
+        (5.0, Status.OK, 0.5),
+        (5.01, Status.UNCERTAIN, 0.496),
+        (5.5, Status.UNCERTAIN, 0.26795),
+        (90.0, Status.UNCERTAIN, 0.0),
+        (math.inf, Status.UNCERTAIN, 0.0),
+        (None, Status.OK, 1.0),
+    ],
+)
+def test_an_answer_that_is_more_uncertain_than_allowed_is_not_trusted(degrees, status, confidence):
+    result = run(refine=Unsure(degrees))
+    assert result.status is status
+    assert result.confidence == pytest.approx(confidence, abs=1e-4)
+    assert result.uncertainty == (None if degrees is None else Uncertainty(degrees, 99.0, 2.0 * degrees))
+
+
+def test_the_uncertainty_and_what_else_speaks_against_an_answer_add_up():
+    certain, unsure = (run(refine=Unsure(degrees, confidence=0.6)) for degrees in (0.0, 4.0))
+    assert (certain.status, certain.confidence) == (Status.OK, 0.6)
+    assert unsure.status is Status.UNCERTAIN
+    assert unsure.confidence == pytest.approx(0.6 - 0.5 * 0.8**4)
+
+
+def test_how_much_uncertainty_is_allowed_can_be_set():
+    statuses = [run(refine=Unsure(4.0), max_uncertainty=most).status for most in (3.0, 4.0, 40.0, None)]
+    assert statuses == [Status.UNCERTAIN, Status.OK, Status.OK, Status.OK]
+    assert run(refine=Unsure(math.inf), max_uncertainty=None).confidence == 1.0
+
+
+@pytest.mark.parametrize("status", [Status.AMBIGUOUS, Status.DEGENERATE, Status.LOW_SUPPORT])
+def test_what_is_not_trusted_for_another_reason_is_not_called_uncertain(status):
+    result = run(refine=Unsure(90.0, confidence=0.3, status=status))
+    assert (result.status, result.confidence) == (status, 0.3)
+
+
+def test_an_uncertain_answer_may_become_certain_with_more_samples():
+    judge = Unsure(90.0, 90.0, 90.0, 1.0)
+    assert run(samples="auto", refine=judge).success
+    assert judge.asked == [2, 4, 8, 16]
+    judge = Unsure(90.0)
+    assert run(samples="auto", max_samples=11, refine=judge).status is Status.UNCERTAIN
+    assert judge.asked == [2, 4, 8, 11]
 
 
 def test_a_time_limit_after_the_last_sample_is_none():
