@@ -8,7 +8,9 @@ from nonsac import simulate
 from nonsac.layouts import Rows
 from nonsac.method.doubts import certainty, disagreement, slippage
 from nonsac.method.residuals import Residuals, chance_rate
+from nonsac.method.verdict import Candidate, Effort, judge_rows
 from nonsac.problems import AbsolutePose, Noise, Registration, RelativePose
+from nonsac.result import Remark, Status
 from nonsac.simulate.motions import rotation_about
 
 PROBLEMS = {
@@ -68,8 +70,7 @@ def two_motions(case, rng, degrees):
 def test_a_model_between_two_motions_does_not_agree_with_itself(rng, case):
     noise = Noise.within(0.15 if case == "registration" else 0.1)
     ratios = [apart(*two_motions(case, rng, degrees), noise, 1e-3) for degrees in (1.0, 3.0, 8.0)]
-    assert ratios == sorted(ratios)
-    assert ratios[1] < 1.0 < ratios[2]
+    assert max(ratios[:2]) < 1.0 < ratios[2]
 
 
 def test_parts_that_determine_little_may_differ_more(rng):
@@ -85,7 +86,7 @@ def test_the_unit_and_the_order_of_rows_do_not_matter(rng, unit):
     ratio = apart(problem, model, rows, Noise.within(0.15), 1e-3)
     assert ratio == pytest.approx(2 * 8.0 / 8.0, rel=0.1)
     scaled = apart(problem, model, unit * rng.permutation(rows), Noise.within(unit * 0.15), unit * 1e-3)
-    assert scaled == pytest.approx(ratio, rel=1e-6)
+    assert scaled == pytest.approx(ratio, rel=0.01)  # a few steps of the fits from the same start
 
 
 @CASES
@@ -145,6 +146,41 @@ def test_what_chance_explains_does_not_slip(rng):
 def test_nothing_slips_where_no_model_beside_is_known(rng):
     rows = np.column_stack([np.zeros(100), rng.uniform(2.0, 4.0, 100)])
     assert slippage(naive.Shift(), naive.shift_model(3.0), Rows(rows), Noise.given(0.05), 0.0) == 0.0
+
+
+# --- what the verdict makes of it -------------------------------------------------------------------------------------
+
+
+def judged(problem, model, rows, noise):
+    """After a search so long that a better model, if there were one, would have come up."""
+    return judge_rows(Candidate(problem, model, Rows(rows), noise), Effort(1, 10**9))
+
+
+@pytest.mark.parametrize("known", [True, False])
+@CASES
+def test_a_model_between_two_motions_is_partly_right_and_not_trusted(rng, case, known):
+    noise = Noise.within(0.15 if case == "registration" else 0.05, known)
+    verdict = judged(*two_motions(case, rng, 10.0), noise)
+    assert (verdict.status, verdict.remarks) == (Status.LOW_SUPPORT, (Remark.PARTLY_RIGHT,))
+    assert verdict.confidence < 0.5
+    assert verdict.tests["parts"] > 1.0
+
+
+def test_a_model_of_pairs_that_slip_is_not_trusted(rng):
+    verdict = judged(*ring(rng, 15.0))
+    assert (verdict.status, verdict.remarks) == (Status.LOW_SUPPORT, (Remark.SLIPPING,))
+    assert verdict.confidence < 0.5
+    assert verdict.tests["slippage"] > 1.0
+    assert judged(*ring(rng, 0.0)).status is Status.OK
+
+
+@CASES
+@pytest.mark.parametrize("known", [True, False])
+def test_doubts_leave_a_right_model_alone(rng, case, known):
+    problem, model, rows, noise = matches(case, 400, 0.5, rng)
+    verdict = judged(problem, model, rows, Noise.given(noise.sigma, known))
+    assert verdict.status is Status.OK
+    assert verdict.confidence > 0.95
 
 
 # --- certainty --------------------------------------------------------------------------------------------------------
