@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
 from nonsac import simulate
@@ -243,6 +244,13 @@ def test_the_base_of_a_statue_slips_along_its_rings():
         assert np.quantile(np.abs(slips - np.median(slips)), 0.5) < 15.0
 
 
+def test_wrong_matches_of_a_figure_are_other_points_of_it():
+    data = simulate.statue(300, 0.5, 0.0, 2, base=0.0)
+    nearest, which = cKDTree(move(data.T, data.source)).query(data.target)
+    assert nearest.max() < 1e-9
+    assert ((which == np.arange(300)) == data.inliers).mean() > 0.98
+
+
 def test_a_statue_without_base_is_all_figure():
     assert simulate.statue(300, 0.0, 0.0, 0, base=0.0).inliers.all()
     assert not simulate.statue(300, 0.0, 0.0, 0, base=1.0).inliers.any()
@@ -272,7 +280,9 @@ def test_an_object_fills_a_narrow_view(degrees):
     half = np.tan(np.radians(0.5 * degrees))
     assert np.abs(data.points1).max() == pytest.approx(half)
     assert 0.7 * half < np.abs(data.points2).max() < 1.3 * half  # it turns about its middle
-    assert (np.ptp(data.points1, axis=0) > 0.5 * half).all()
+    width, height = np.ptp(data.points1, axis=0)
+    assert height > 1.5 * half  # it is upright, and in the middle
+    assert 0.5 * height < width < height
     turn = np.degrees(np.arccos((np.trace(data.T[:3, :3]) - 1.0) / 2.0))
     assert 5.0 <= turn <= 25.0
 
