@@ -24,7 +24,7 @@ def solved(views, **settings):
 @pytest.mark.parametrize("noise", [SIGMA, None])
 def test_a_narrow_field_of_view_leaves_the_pose_uncertain(views, noise):
     result = solved(views, noise=noise)
-    assert result.status is Status.UNCERTAIN
+    assert result.status in (Status.UNCERTAIN, Status.AMBIGUOUS)  # the pose reversed in depth may fit as well
     assert not result.success
     assert result.confidence < 0.5
     assert result.found

@@ -7,7 +7,7 @@ import naive
 from nonsac import simulate
 from nonsac.layouts import Rows
 from nonsac.method.doubts import certainty, disagreement, slippage
-from nonsac.method.residuals import Residuals, chance_rate
+from nonsac.method.residuals import Residuals
 from nonsac.method.verdict import Candidate, Effort, judge_rows
 from nonsac.problems import AbsolutePose, Noise, Registration, RelativePose
 from nonsac.result import Remark, Status
@@ -33,8 +33,7 @@ def apart(problem, model, rows, noise, sigma=None):
 
 
 def slipping(problem, model, rows, noise):
-    rate = chance_rate(Residuals.of(problem, model, Rows(rows)).background, noise.threshold)
-    return slippage(problem, model, Rows(rows), noise, rate)
+    return slippage(problem, model, Rows(rows), noise, Residuals.of(problem, model, Rows(rows)))
 
 
 # --- parts of the scene -----------------------------------------------------------------------------------------------
@@ -130,6 +129,13 @@ def test_pairs_slip_along_a_ring(rng):
     assert slipping(*ring(rng, 15.0)) > 1.0
 
 
+def test_of_a_noise_that_nobody_gave_the_middle_counts(rng):
+    """A wide noise, found on pairs that slip, takes most of the slipping for its own."""
+    problem, model, rows, _ = ring(rng, 15.0)
+    given, found = (slipping(problem, model, rows, Noise.given(0.045, known=known)) for known in (True, False))
+    assert 2.0 * given < found > 1.0
+
+
 @pytest.mark.parametrize("unit", [1e-3, 1e3])
 def test_slipping_does_not_depend_on_the_unit(rng, unit):
     problem, model, rows, noise = ring(rng, 15.0)
@@ -139,13 +145,15 @@ def test_slipping_does_not_depend_on_the_unit(rng, unit):
 
 def test_what_chance_explains_does_not_slip(rng):
     problem, model, rows, noise = ring(rng, 15.0)
-    slippages = [slippage(problem, model, Rows(rows), noise, rate) for rate in (0.0, 0.02, 0.5)]
+    residuals = problem.residuals(model[None], rows)[0]
+    by_chance = [np.where(np.arange(1000) < 1000 * rate, 0.0, 9.0) for rate in (0.0, 0.02, 0.5)]
+    slippages = [slippage(problem, model, Rows(rows), noise, Residuals(residuals, each)) for each in by_chance]
     assert slippages[0] > slippages[1] > slippages[2] == 0.0
 
 
 def test_nothing_slips_where_no_model_beside_is_known(rng):
     rows = np.column_stack([np.zeros(100), rng.uniform(2.0, 4.0, 100)])
-    assert slippage(naive.Shift(), naive.shift_model(3.0), Rows(rows), Noise.given(0.05), 0.0) == 0.0
+    assert slipping(naive.Shift(), naive.shift_model(3.0), rows, Noise.given(0.05)) == 0.0
 
 
 # --- what the verdict makes of it -------------------------------------------------------------------------------------

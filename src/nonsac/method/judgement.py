@@ -7,17 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nonsac.estimators.ransac import minimal_samples
 from nonsac.layouts import Array, Rows
 from nonsac.method.noise import noise_remarks
 from nonsac.method.residuals import measured_noise, noise_of_model, telling_of
 from nonsac.method.verdict import Candidate, Effort, Verdict, alternative, judge_rows
-from nonsac.problems.contract import Problem
+from nonsac.problems.contract import Problem, solved
 from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Status, Uncertainty
 
 _COVARIANCE_ROWS = 5000
 _RIVAL_ROWS, _NEARLY_AS_MUCH = 20_000, 0.8
+_DRAWN_FROM, _MOST_DRAWN, _LIKELY = 2000, 2000, 0.99
 _UNREPORTED_CONFIDENCE, _MOST_UNREPORTED = 0.99, 10**6
 
 
@@ -112,14 +114,15 @@ def _uncertainty(candidate: Candidate, covariance: Array | None) -> Uncertainty 
 def _beside_rival(candidate: Candidate, verdict: Verdict, hypotheses: Sequence[Hypothesis], effort: Effort) -> Verdict:
     """The verdict in view of the best other answer, which must explain rows that this one does not, beyond chance.
 
-    Another motion of the same scene is one. If it has nearly as much support, nothing tells which is meant.
+    Another motion of the same scene is one. If it has nearly as much support, nothing tells which is meant. It is one
+    of the hypotheses, or found by drawing from the rows that the answer does not explain.
     """
     problem, noise, rows = candidate.problem, candidate.noise, candidate.rows
     rest = rows[~candidate.inliers]
     some = rest.some(_RIVAL_ROWS)
-    models = np.stack([h.model for h in hypotheses if h.found])
     if len(some) <= problem.minimal_size:
         return verdict
+    models = np.stack([*(h.model for h in hypotheses if h.found), *_drawn(candidate, rest)])
     first = models[int(np.argmin(biweight_costs(problem, models, some, noise.threshold)))]
     rival = Candidate(problem, reweighted_fit(problem, first, some, noise.threshold, 20), some, noise)
     explained = rows.values[candidate.inliers]
@@ -132,3 +135,18 @@ def _beside_rival(candidate: Candidate, verdict: Verdict, hypotheses: Sequence[H
     if share < _NEARLY_AS_MUCH * candidate.support:
         return replace(verdict, alternatives=alternatives)
     return replace(verdict, status=Status.AMBIGUOUS, confidence=min(verdict.confidence, 0.5), alternatives=alternatives)
+
+
+def _drawn(candidate: Candidate, rest: Rows) -> Array:
+    """The best model of minimal samples of the other rows, enough for one with nearly as much support; or none."""
+    problem, few = candidate.problem, rest.some(_DRAWN_FROM)
+    share = _NEARLY_AS_MUCH * candidate.support * len(candidate.rows) / len(rest)
+    trials = trials_needed(min(share, 1.0), problem.minimal_size, _LIKELY) if share > 0.0 else _MOST_DRAWN + 1
+    if trials > _MOST_DRAWN:
+        return np.empty((0, *problem.model_shape))
+    rng = np.random.default_rng(len(rest))
+    models = solved(problem, few.values[minimal_samples(len(few), problem.minimal_size, trials, rng)])
+    if not len(models):
+        return models
+    counts = problem.count_inliers(models, few.values, candidate.noise.threshold)
+    return models[[int(np.argmax(counts))]]

@@ -3,8 +3,8 @@ import pytest
 
 import naive
 from nonsac import simulate
-from nonsac.method.facts import Facts
 from nonsac.problems import AbsolutePose, Noise, Registration, RelativePose
+from nonsac.problems.facts import Facts, Places
 
 SIGMA = 1e-4
 PROBLEMS = {
@@ -22,7 +22,8 @@ def right_rows(case, n, rng):
 
 
 def facts_of(problem, model, inliers, rows=None, sigma=SIGMA):
-    return Facts.of(problem, model, inliers, len(inliers) if rows is None else rows, Noise.given(sigma))
+    rows = len(inliers) if rows is None else rows
+    return Facts.of(model, inliers, rows, Noise.given(sigma), Places.finest(problem))
 
 
 def count(facts):
@@ -124,3 +125,23 @@ def test_the_units_of_pixels_and_of_the_world_do_not_matter(rng, unit):
 def test_no_inliers_are_no_facts():
     facts = facts_of(Registration(), np.eye(3, 4), np.empty((0, 6)), 50)
     assert (count(facts), facts.repetition) == (0, 1.0)
+
+
+@CASES
+def test_neighbours_are_one_place_however_small_the_noise_is(rng, case):
+    """A hundredth of the scene is one place, a tenth is not."""
+    problem, model, rows = right_rows(case, 400, rng)
+    places = Places.of(problem, rows)
+    spans = np.subtract(*np.percentile(rows, [90, 10], axis=0))
+    few = rows[:10]
+    near, far = (few + share * spans * rng.choice([-1, 1], few.shape) for share in (0.003, 0.1))
+    for beside, expected in ((near, 10), (far, 20)):
+        facts = Facts.of(model, np.concatenate([few, beside]), 400, Noise.given(1e-9), places)
+        assert abs(facts.count - expected) <= 1
+
+
+def test_facts_among_some_inliers(rng):
+    facts = facts_of(Registration(), np.eye(3, 4), blobs(rng, rng.uniform(-1, 1, (10, 6)), 5, SIGMA))
+    chosen = facts.among(np.arange(50) < 20)
+    np.testing.assert_array_equal(chosen.chosen, facts.chosen & (np.arange(50) < 20))
+    assert (chosen.rows, chosen.share, chosen.count) == (facts.rows, facts.share, np.count_nonzero(chosen.chosen))
