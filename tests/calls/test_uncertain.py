@@ -26,7 +26,7 @@ def test_a_narrow_field_of_view_leaves_the_pose_uncertain(views, noise):
     result = solved(views, noise=noise)
     assert result.status in (Status.UNCERTAIN, Status.AMBIGUOUS)  # the pose reversed in depth may fit as well
     assert not result.success
-    assert result.confidence < 0.5
+    assert result.confidence <= 0.5
     assert result.found
     assert 5.0 < result.uncertainty.rotation < 20.0
     assert np.isfinite([result.uncertainty.translation, result.uncertainty.angle]).all()

@@ -248,8 +248,8 @@ class Settings:
         Description(
             "float, optional",
             "Standard deviation of an inlier, in the unit of the residual; rows with a residual below 5 `noise` are "
-            "inliers. If it is left out it is measured, at two to three times the work, and with many outliers an "
-            'answer is less easily trusted. If a given one is off by a factor of three or more, `info["remarks"]` '
+            "inliers. If it is left out it is found with the model, at one and a half times the work or two. If a "
+            'given one is off by a factor of three or more, `info["remarks"]` '
             "says so.",
             _positive("noise", ", the standard deviation of an inlier"),
             read_positive,
