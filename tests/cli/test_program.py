@@ -29,7 +29,7 @@ def test_warmup(run, monkeypatch):
     code, out, err = run("warmup")
     assert (code, said(err)) == (0, [])
     assert "compiled" in out
-    assert told == [["noise"], ["noise", "refine", "weights"]] * 2
+    assert told == [[], ["noise"], ["noise", "refine", "weights"]] * 2
 
 
 def test_help_and_version(run):

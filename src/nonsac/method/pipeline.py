@@ -29,6 +29,7 @@ from nonsac.values.quiet import quiet
 
 _CLEAR = 0.99
 _MOST_REPETITIONS, _SAME_NOISE, _ANOTHER_NOISE = 3, 1.25, 3.0
+_MUCH_LESS = 2.0  # a fit to ever nearer rows would show ever less
 _LEAST_SHARE = 0.1
 _ENOUGH_FOR_SPECIAL_CASES = 8
 _ENOUGH_FAILURES = 8
@@ -175,7 +176,7 @@ def _run_at_any_noise(method: Method, estimator: Estimator) -> Answer:
         searched_at, answer = noise, method.run(Noise.given(noise, known=False), found)
         for _ in range(_MOST_REPETITIONS):
             measured = max(_measured(answer.refinement), least)
-            if not _differ(measured, noise, _SAME_NOISE):
+            if not _differ(measured, noise, _SAME_NOISE if measured > noise else _MUCH_LESS):
                 break
             noise = measured
             answer = method.judged_at(Noise.given(noise, known=False), answer)

@@ -13,6 +13,7 @@ from nonsac.problems.ladder import LADDER, Telling
 from nonsac.problems.noise import Noise
 
 _WINDOWS, _AROUND, _ROWS = 12, 2.5, 4000
+_LEAST_FREE = 0.3
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Residuals:
 def noise_of_model(model: Array, residuals: Residuals, telling: Telling) -> float:
     """Standard deviation of the inliers of a model, if nothing is known of it: NaN if there are none beyond chance.
 
-    They are looked for within the threshold at which they are least likely by chance, and around it.
+    They are looked for within the threshold at which they are least likely by chance, and around it. What the fit has
+    taken of the errors of few inliers is given back.
     """
     unit = float(np.median(residuals.background))
     if not 0.0 < unit < np.inf:
@@ -44,7 +46,10 @@ def noise_of_model(model: Array, residuals: Residuals, telling: Telling) -> floa
     level = telling.of(model, unit * LADDER)
     if not level.score > 0.0:
         return float("nan")
-    return measured_noise(residuals, level.threshold, telling.problem.residual_dimension, _AROUND * level.threshold)
+    dimension = telling.problem.residual_dimension
+    noise = measured_noise(residuals, level.threshold, dimension, _AROUND * level.threshold)
+    errors, fitted = dimension * (level.facts + telling.problem.minimal_size), dimension * telling.problem.minimal_size
+    return noise * float(np.sqrt(errors / max(errors - fitted, _LEAST_FREE * errors)))
 
 
 def telling_of(problem: Problem, rows: Rows) -> Telling:

@@ -297,7 +297,7 @@ def _local_chance(candidate: Candidate, among: NDArray[np.bool_], near: NDArray[
     if beyond <= 0:
         return 1.0
     rate = chance_rate(problem.residuals(candidate.model[None], displaced)[0], noise.threshold)
-    rows = int(facts.share * len(displaced)) - problem.minimal_size
+    rows = int(facts.share * np.count_nonzero(near)) - problem.minimal_size
     return float(betainc(beyond, max(rows - beyond, 0) + 1, rate))
 
 

@@ -53,7 +53,7 @@ from nonsac.problems.two_view import (
 from nonsac.result import Remark, Uncertainty
 
 _PLANE_ROWS, _CALIBRATION_ROWS = 300, 100
-_REACH = 0.95  # of the inliers
+_REACH, _LOCAL, _DIRECTIONS = 0.95, 20.0, 8  # of the inliers; thresholds
 _MOST, _NARROW, _TWIN_FIT = 0.9, 0.27, 50  # tan 15 degrees
 _SAME = 3.0  # degrees
 _VISIBLE_BEND = 0.02
@@ -156,7 +156,7 @@ class RelativePose(Streaming, Problem):
         turned = rotation_of(model, inliers, lambda turned: self._transfer_error(turned, at_infinity, inliers))
         errors = self._transfer_error(turned, at_infinity, inliers)
         by_rotation, reach = errors < threshold, float(np.nanquantile(errors, _REACH))
-        displaced = partial(self._displaced, turned, threshold, reach)
+        displaced = partial(self._displaced, turned, threshold, reach) if reach < _LOCAL * threshold else None
         cases = [SpecialCase("pure rotation", by_rotation, determined=False, displaced=displaced)]
         if by_rotation.mean() < 0.95:
             cases.append(self._seen_with_wrong_calibration(turned, inliers, noise))
@@ -179,7 +179,7 @@ class RelativePose(Streaming, Problem):
         """Rows that a rotation misses by no more than inliers of the pose do, and the same missed in any direction."""
         errors = self._transfer_error(turned, np.zeros(3), rows)
         near = (errors >= threshold) & (errors <= reach)
-        first, second = np.hsplit(rows[near], 2)
+        first, second = np.hsplit(np.tile(rows[near], (_DIRECTIONS, 1)), 2)
         seen = seen_through_plane(turned, np.zeros(3), first)
         angles = np.random.default_rng(len(rows)).uniform(0.0, 2.0 * np.pi, len(first))
         lengths = np.linalg.norm(second - seen, axis=1, keepdims=True)

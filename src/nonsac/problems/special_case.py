@@ -29,7 +29,8 @@ class SpecialCase:
     displaced : callable or None
         What rows would be, of all of which it is given (N, D), if they were displaced at random from where the special
         case has them, as mistakes of a tracker are: which of them that may be (N,) bool, none that the case explains,
-        and these (K, D) with a displacement of the same length in any direction. None if mistakes are not local.
+        and these, each several times, with a displacement of the same length in any direction. None if mistakes are not
+        local.
     """
 
     name: str
