@@ -7,7 +7,7 @@ import naive
 from nonsac import Estimator, Noise, Pcr99, Ransac, absolute_pose, register_pairs, relative_pose, simulate
 from nonsac.evaluation import rotation_error
 from nonsac.layouts import Rows
-from nonsac.method import pipeline
+from nonsac.method import unknown_noise
 from nonsac.method.noise import guessed_noise
 from nonsac.method.residuals import Residuals, measured_noise
 from nonsac.problems import AbsolutePose, Registration, RelativePose
@@ -130,8 +130,8 @@ def test_a_first_sample_without_finite_rows_does_not_end_the_search(rng):
 
 def guess_first(monkeypatch, noise):
     """As if the estimator needed a noise, and this were the first guess."""
-    monkeypatch.setattr(pipeline, "first_findings", lambda *_: None)
-    monkeypatch.setattr(pipeline, "guessed_with", lambda *_: noise)
+    monkeypatch.setattr(unknown_noise, "first_findings", lambda *_: None)
+    monkeypatch.setattr(unknown_noise, "guessed_with", lambda *_: noise)
 
 
 def test_a_time_limit_keeps_what_was_found(rng, monkeypatch):
@@ -189,7 +189,8 @@ def test_a_noise_that_nobody_gave_is_not_remarked_on(rng, name, monkeypatch):
     """Not even if the first guess is far off and there is no second run."""
     rows, _ = PROBLEMS[name][2](20_000, 0.5, 0.002, rng)
     guess_first(monkeypatch, 0.0002)
-    monkeypatch.setattr(pipeline, "_SAME_NOISE", 1e9)
+    monkeypatch.setattr(unknown_noise, "_SAME_NOISE", 1e9)
+    monkeypatch.setattr(unknown_noise, "_MUCH_LESS", 1e9)
     result = CALLS[name](*np.split(rows, [PROBLEMS[name][0].layout.split], axis=1))
     assert (result.noise, result.remarks) == (0.0002, (Remark.SLIPPING,))
     assert result.info["measured_noise"] == pytest.approx(0.002, rel=0.1)

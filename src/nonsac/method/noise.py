@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,14 +18,14 @@ from nonsac.problems.ladder import log_chance
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Remark
 
-__all__ = ["attempt", "guessed_noise", "noise_remarks", "noise_seen_by"]
+__all__ = ["MORE_SURELY", "attempt", "guessed_noise", "noise_remarks", "noise_seen_by"]
 
 _RUNGS = 4.0 ** -np.arange(1.0, 7.0)  # thresholds, as shares of the residuals of wrong rows
 _MODELS = 50
 _FALLBACK_SHARE = 0.01
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _VERY_DIFFERENT = 3.0
-_SURELY = 2.5  # a model that is right in part means something, too
+_SURELY, MORE_SURELY = 2.5, 8.0
 _SAMPLES_FOR_NOISE, _SAMPLES_FOR_GUESS = 12, 3
 _NO_CHANGE = 0.1
 _TURNS, _FIT, _LEAST_RUNG = 3, 10, 0.01
@@ -54,14 +55,17 @@ class Findings(NamedTuple):
     noise: float
 
 
-def first_findings(task: SampleTask, samples: int) -> Findings | None:
+def first_findings(
+    task: SampleTask, samples: int, before: Sequence[Hypothesis] = (), surely: float = _SURELY
+) -> Findings | None:
     """What the estimator finds in the first sample, or some, if it needs no noise; None if it does.
 
-    Samples are looked at until a model is found that no wrong rows would give by chance. Its noise is measured on the
-    rows of its sample, and the model fitted again with that, by turns.
+    Samples are looked at, after those whose findings are given, until a model is found that no wrong rows would give by
+    chance, nor a model that is right in part; `surely` says how far it must be beyond chance. Its noise is measured on
+    the rows of its sample, and the model fitted again with that, by turns.
     """
-    found: list[Hypothesis] = []
-    for sample in range(min(_SAMPLES_FOR_NOISE, samples)):
+    found = list(before)
+    for sample in range(len(found), min(_SAMPLES_FOR_NOISE, samples)):
         rows, dropped = task.rows(sample)
         rng = np.random.default_rng([task.seed, task.number + sample])
         hypothesis = _at_any_noise(task, rows, rng)
@@ -70,7 +74,7 @@ def first_findings(task: SampleTask, samples: int) -> Findings | None:
                 return None
             break
         found.append(replace(_settled(task.problem, hypothesis, rows), sample=sample, dropped=dropped))
-        if hypothesis.log_chance < _SURELY * _LOG_CHANCE - np.log(max(hypothesis.tested or 1, 1)):
+        if hypothesis.log_chance < surely * _LOG_CHANCE - np.log(max(hypothesis.tested or 1, 1)):
             break
     best = min(found, key=lambda hypothesis: hypothesis.log_chance)
     return Findings(tuple(found), Noise.within(best.threshold).sigma)

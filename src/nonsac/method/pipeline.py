@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from nonsac.estimators.contract import Estimator
 from nonsac.method import scoring
 from nonsac.method.budget import Budget, kept, next_round, next_size
 from nonsac.method.doubts import certainty
-from nonsac.method.noise import first_findings, guessed_with
 from nonsac.method.refine import Refinement, refined
 from nonsac.method.search import SampleTask, Search, Stop
 from nonsac.method.settings import Settings
+from nonsac.method.unknown_noise import run_at_any_noise
 from nonsac.method.wrong_noise import remarks_on_noise
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
@@ -28,9 +26,6 @@ from nonsac.sources.contract import Source
 from nonsac.values.quiet import quiet
 
 _CLEAR = 0.99
-_MOST_REPETITIONS, _SAME_NOISE, _ANOTHER_NOISE = 3, 1.25, 3.0
-_MUCH_LESS = 2.0  # a fit to ever nearer rows would show ever less
-_LEAST_SHARE = 0.1
 _ENOUGH_FOR_SPECIAL_CASES = 8
 _ENOUGH_FAILURES = 8
 
@@ -57,7 +52,7 @@ def run(source: Source, problem: Problem, estimator: Estimator, settings: Settin
     method = Method(search, settings)
     if len(source) < problem.minimal_size:
         return Answer(search, None, (), Stopwatch()).result(settings, Status.TOO_FEW)
-    answer = method.run(noise) if noise.known else _run_at_any_noise(method, estimator)
+    answer = method.run(noise) if noise.known else run_at_any_noise(method, estimator)
     answer = answer.finished(settings)
     return answer.result(settings, remarks=remarks_on_noise(answer.search, answer.refinement) if noise.known else ())
 
@@ -159,49 +154,6 @@ class Answer:
         if refinement is not None and refinement.measured_noise is not None:
             info["measured_noise"] = refinement.measured_noise
         return info
-
-
-def _run_at_any_noise(method: Method, estimator: Estimator) -> Answer:
-    """The method at the noise that is found with the model, in the first samples; measured on the answer, and judged.
-
-    Estimators that need a noise are called with several first. If the answer shows a noise that is very different, the
-    samples are drawn again.
-    """
-    task = method.search.task
-    first = first_findings(task, method.search.most)
-    noise = guessed_with(task, estimator, method.search.most) if first is None else first.noise
-    found = () if first is None else first.hypotheses
-    least = _LEAST_SHARE * noise
-    for _ in range(_MOST_REPETITIONS):
-        searched_at, answer = noise, method.run(Noise.given(noise, known=False), found)
-        for _ in range(_MOST_REPETITIONS):
-            measured = max(_measured(answer.refinement), least)
-            if not _differ(measured, noise, _SAME_NOISE if measured > noise else _MUCH_LESS):
-                break
-            noise = measured
-            answer = method.judged_at(Noise.given(noise, known=False), answer)
-        if _is_final(answer.refinement) or not _differ(noise, searched_at, _ANOTHER_NOISE):
-            break
-        if method.search.is_late():
-            break
-        found = ()
-    return answer
-
-
-def _is_final(refinement: Refinement | None) -> bool:
-    """Whether nothing would be gained by drawing the samples again: it is trusted, or no more than chance."""
-    if refinement is None or refinement.status in (Status.OK, Status.AMBIGUOUS):
-        return True
-    return refinement.status is Status.LOW_SUPPORT and not refinement.remarks
-
-
-def _measured(refinement: Refinement | None) -> float:
-    noise = None if refinement is None else refinement.measured_noise
-    return float("nan") if noise is None else noise
-
-
-def _differ(measured: float, noise: float, factor: float) -> bool:
-    return bool(np.isfinite(measured) and max(measured / noise, noise / measured) >= factor)
 
 
 def _is_settled(refinement: Refinement | None, hypotheses: list[Hypothesis]) -> bool:

@@ -13,7 +13,7 @@ from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
 
 _LOOKED_AT, _FOR_EXTENT = 2000, 1000
-_PLACE = 0.03  # of the extent of a half
+_PLACE = 0.035  # of the extent of a half
 
 
 @dataclass(frozen=True, eq=False)
