@@ -53,7 +53,8 @@ from nonsac.problems.two_view import (
 from nonsac.result import Remark, Uncertainty
 
 _PLANE_ROWS, _CALIBRATION_ROWS = 300, 100
-_REACH, _LOCAL, _DIRECTIONS = 0.95, 20.0, 8  # of the inliers; thresholds
+_REACH, _DIRECTIONS = 0.95, 8  # of the inliers
+_LOCAL, _LOCAL_SHARE = 20.0, 0.05  # thresholds; of the image
 _MOST, _NARROW, _TWIN_FIT = 0.9, 0.27, 50  # tan 15 degrees
 _SAME = 3.0  # degrees
 _VISIBLE_BEND = 0.02
@@ -156,7 +157,9 @@ class RelativePose(Streaming, Problem):
         turned = rotation_of(model, inliers, lambda turned: self._transfer_error(turned, at_infinity, inliers))
         errors = self._transfer_error(turned, at_infinity, inliers)
         by_rotation, reach = errors < threshold, float(np.nanquantile(errors, _REACH))
-        displaced = partial(self._displaced, turned, threshold, reach) if reach < _LOCAL * threshold else None
+        extent = float(np.linalg.norm(np.ptp(inliers[:, 2:], axis=0))) * self.focal2
+        is_local = reach < min(_LOCAL * threshold, _LOCAL_SHARE * extent)
+        displaced = partial(self._displaced, turned, threshold, reach) if is_local else None
         cases = [SpecialCase("pure rotation", by_rotation, determined=False, displaced=displaced)]
         if by_rotation.mean() < 0.95:
             cases.append(self._seen_with_wrong_calibration(turned, inliers, noise))
