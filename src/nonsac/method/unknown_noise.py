@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from nonsac.estimators.contract import Estimator
-from nonsac.method.noise import MORE_SURELY, first_findings, guessed_with
+from nonsac.estimators.contract import Estimator, checked_hypothesis
+from nonsac.layouts import Rows
+from nonsac.method.noise import guessed_noise
 from nonsac.method.refine import Refinement
+from nonsac.method.residuals import Residuals, noise_of_model, telling_of
+from nonsac.method.search import SampleTask
+from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of
+from nonsac.problems.fits import reweighted_fit
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Status
 
 if TYPE_CHECKING:
     from nonsac.method.pipeline import Answer, Method
 
+_SURELY, _MORE_SURELY = 2.5, 8.0  # a model that is right in part means something, too
+_LOG_CHANCE = float(np.log(1e-6))
+_SAMPLES_FOR_NOISE, _SAMPLES_FOR_GUESS = 12, 3
+_NO_CHANGE = 0.1
+_TURNS, _FIT, _LEAST_RUNG = 3, 10, 0.01
 _MOST_REPETITIONS, _SAME_NOISE, _ANOTHER_NOISE = 3, 1.25, 3.0
 _MUCH_LESS = 2.0  # a fit to ever nearer rows would show ever less
 _LEAST_SHARE = 0.1
@@ -34,7 +45,7 @@ def run_at_any_noise(method: Method, estimator: Estimator) -> Answer:
     answer = _run_from(method, first.noise, first.hypotheses)
     if _is_trusted(answer.refinement) or method.search.is_late():
         return answer
-    further = first_findings(task, most, first.hypotheses, MORE_SURELY)
+    further = first_findings(task, most, first.hypotheses, _MORE_SURELY)
     if further is None or further.noise == first.noise:
         return answer
     another = _run_from(method, further.noise, further.hypotheses)
@@ -61,6 +72,79 @@ def _run_from(method: Method, noise: float, found: Sequence[Hypothesis] = ()) ->
             break
         found = ()
     return answer
+
+
+class Findings(NamedTuple):
+    """What was found in the first samples without a noise: the hypotheses, and the noise of the best one."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    noise: float
+
+
+def first_findings(
+    task: SampleTask, samples: int, before: Sequence[Hypothesis] = (), surely: float = _SURELY
+) -> Findings | None:
+    """What the estimator finds in the first sample, or some, if it needs no noise; None if it does.
+
+    Samples are looked at, after those whose findings are given, until a model is found that no wrong rows would give by
+    chance, nor a model that is right in part; `surely` says how far it must be beyond chance. Its noise is measured on
+    the rows of its sample, and the model fitted again with that, by turns.
+    """
+    found = list(before)
+    for sample in range(len(found), min(_SAMPLES_FOR_NOISE, samples)):
+        rows, dropped = task.rows(sample)
+        rng = np.random.default_rng([task.seed, task.number + sample])
+        hypothesis = _at_any_noise(task, rows, rng)
+        if hypothesis is None:
+            if not found:
+                return None
+            break
+        found.append(replace(_settled(task.problem, hypothesis, rows), sample=sample, dropped=dropped))
+        if hypothesis.log_chance < surely * _LOG_CHANCE - np.log(max(hypothesis.tested or 1, 1)):
+            break
+    best = min(found, key=lambda hypothesis: hypothesis.log_chance)
+    return Findings(tuple(found), Noise.within(best.threshold).sigma)
+
+
+def _at_any_noise(task: SampleTask, rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
+    """What the estimator finds; None if it needs a noise, or fails."""
+    if len(rows) <= task.problem.minimal_size:
+        return None
+    try:
+        found = task.estimator.estimate_at_any_noise(task.problem, rows, rng)
+    except ContractBroken:
+        raise
+    except Exception as error:
+        blame(task.problem, rows, 1.0, error)
+        return None
+    if found is None or not found.found:
+        return None
+    return checked_hypothesis(found, task.problem, task.estimator, "estimate_at_any_noise")
+
+
+def _settled(problem: Problem, found: Hypothesis, rows: Rows) -> Hypothesis:
+    """The model at the noise that it shows."""
+    threshold = found.threshold
+    model = reweighted_fit(problem, found.model, rows, threshold, _FIT)
+    telling = telling_of(problem, rows)
+    for _ in range(_TURNS):
+        noise = noise_of_model(model, Residuals.of(problem, model, rows), telling)
+        before, threshold = threshold, max(Noise.given(noise).threshold, _LEAST_RUNG * found.threshold)
+        if not noise > 0.0:
+            threshold = before
+            break
+        if abs(threshold - before) < _NO_CHANGE * before:
+            break
+        model = reweighted_fit(problem, model, rows, threshold, _FIT)
+    residuals = residuals_of(problem, model[None], rows.values)[0]
+    return replace(found, model=model, residuals=residuals, threshold=threshold)
+
+
+def guessed_with(task: SampleTask, estimator: Estimator, samples: int) -> float:
+    """`guessed_noise` from rows of the first samples."""
+    rng = np.random.default_rng([task.seed, 0, 2])
+    rows = task.union(min(_SAMPLES_FOR_GUESS, samples))  # more than one, as some may not be finite
+    return guessed_noise(task.problem, estimator, rows[rng.permutation(len(rows))[: task.sample_size]], rng)
 
 
 def _is_trusted(refinement: Refinement | None) -> bool:
