@@ -722,6 +722,40 @@ CALLS: dict[str, Call] = {
     "simulate.absolute_pose": Call(
         simulate.absolute_pose, lambda: {"n": 60, "outlier_ratio": 0.3, "noise": 0.01, "rng": 0}, sizes=("n",)
     ),
+    "simulate.blobs_in_images": Call(
+        simulate.blobs_in_images, lambda: {"n": 60, "blobs": 5, "spread": 0.01, "rng": 0}, sizes=("n", "blobs")
+    ),
+    "simulate.blobs_in_space": Call(
+        simulate.blobs_in_space, lambda: {"n": 60, "blobs": 5, "spread": 0.01, "rng": 0}, sizes=("n", "blobs")
+    ),
+    "simulate.statue": Call(
+        simulate.statue,
+        lambda: {"n": 60, "outlier_ratio": 0.3, "noise": 0.01, "rng": 0, "base": 0.5},
+        sizes=("n",),
+    ),
+    "simulate.periodic_texture": Call(
+        simulate.periodic_texture,
+        lambda: {"n": 60, "slipped": 0.3, "noise": 0.01, "rng": 0, "scattered": True},
+        sizes=("n",),
+    ),
+    "simulate.narrow_view": Call(
+        simulate.narrow_view,
+        lambda: {"n": 60, "outlier_ratio": 0.3, "noise": 0.01, "rng": 0, "degrees": 11.0},
+        sizes=("n",),
+    ),
+    "simulate.local_displacements": Call(
+        simulate.local_displacements,
+        lambda: {"n": 60, "displaced": 0.3, "reach": 0.02, "noise": 0.01, "rng": 0},
+        sizes=("n",),
+    ),
+    "simulate.moving_object": Call(
+        simulate.moving_object,
+        lambda: {"n": 60, "moving": 0.3, "outlier_ratio": 0.3, "noise": 0.01, "rng": 0},
+        sizes=("n",),
+    ),
+    "simulate.two_planes": Call(
+        simulate.two_planes, lambda: {"n": 60, "outlier_ratio": 0.3, "noise": 0.01, "rng": 0}, sizes=("n",)
+    ),
     "simulate.cloud_pair": Call(
         simulate.cloud_pair,
         lambda: {"cloud": _clouds().source, "rng": 0, "points": 50, "overlap": 0.5, "noise": 0.01},

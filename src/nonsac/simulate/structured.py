@@ -16,6 +16,7 @@ from nonsac.simulate.motions import (
     random_rotation,
     rotation_about,
 )
+from nonsac.values.numeric import as_real, shown
 
 _NO_TRUTH = np.full((4, 4), np.nan)
 _WIDE = 0.6  # half the width of a wide image, in normalised coordinates
@@ -43,6 +44,7 @@ def blobs_in_images(n: int, blobs: int, spread: float, rng: Seed) -> ImageMatche
     check_count("n", n)
     check_count("blobs", blobs)
     check_not_negative("spread", spread)
+    n, blobs, spread = int(n), int(blobs), float(spread)
     generator = generator_of(rng)
     first, second = generator.uniform(-_WIDE, _WIDE, (2, blobs, 2))
     of = generator.integers(blobs, size=n)
@@ -68,6 +70,7 @@ def blobs_in_space(n: int, blobs: int, spread: float, rng: Seed) -> Pairs:
     check_count("n", n)
     check_count("blobs", blobs)
     check_not_negative("spread", spread)
+    n, blobs, spread = int(n), int(blobs), float(spread)
     generator = generator_of(rng)
     first, second = generator.standard_normal((2, blobs, 3))
     of = generator.integers(blobs, size=n)
@@ -102,6 +105,7 @@ def statue(n: int, outlier_ratio: float, noise: float, rng: Seed, base: float = 
     check_share("outlier_ratio", outlier_ratio)
     check_share("base", base)
     check_not_negative("noise", noise)
+    n, outlier_ratio, noise, base = int(n), float(outlier_ratio), float(noise), float(base)
     generator = generator_of(rng)
     on_base = round(base * n)
     radius = np.sqrt(generator.uniform(0.2, 1.0, on_base))
@@ -152,6 +156,9 @@ def periodic_texture(n: int, slipped: float, noise: float, rng: Seed, scattered:
     check_count("n", n)
     check_share("slipped", slipped)
     check_not_negative("noise", noise)
+    if not isinstance(scattered, (bool, np.bool_)):
+        raise TypeError(f"scattered is {shown(scattered)}; expected True or False")
+    n, slipped, noise = int(n), float(slipped), float(noise)
     generator = generator_of(rng)
     on_wall = generator.random(n) < 2.0 / 3.0
     points = np.column_stack([generator.uniform(-4.0, 4.0, n), generator.uniform(-3.0, 3.0, n), np.full(n, 6.0)])
@@ -179,7 +186,7 @@ def narrow_view(n: int, outlier_ratio: float, noise: float, rng: Seed, degrees: 
         Standard deviation along each axis of both images, as a share of half the image's width.
     rng : int or numpy.random.Generator
     degrees : float
-        Field of view, which the object fills.
+        Field of view, which the object fills; from 0.1 to 170.
 
     Returns
     -------
@@ -188,6 +195,9 @@ def narrow_view(n: int, outlier_ratio: float, noise: float, rng: Seed, degrees: 
     check_count("n", n)
     check_share("outlier_ratio", outlier_ratio)
     check_not_negative("noise", noise)
+    if not 0.1 <= as_real(degrees) <= 170.0:
+        raise ValueError(f"degrees is {shown(degrees)}; expected a number from 0.1 to 170")
+    n, outlier_ratio, noise, degrees = int(n), float(outlier_ratio), float(noise), float(degrees)
     generator = generator_of(rng)
     half = np.tan(np.radians(0.5 * degrees))
     points = _body(n, generator)[:, [0, 2, 1]]  # upright in the image
@@ -218,7 +228,7 @@ def local_displacements(n: int, displaced: float, reach: float, noise: float, rn
     displaced : float
         Share of displaced matches.
     reach : float
-        Largest displacement, in normalised coordinates.
+        Largest displacement, in normalised coordinates, from 0 to 1.
     noise : float
         Standard deviation along each axis of both images, in normalised coordinates.
     rng : int or numpy.random.Generator
@@ -229,8 +239,9 @@ def local_displacements(n: int, displaced: float, reach: float, noise: float, rn
     """
     check_count("n", n)
     check_share("displaced", displaced)
-    check_not_negative("reach", reach)
+    check_share("reach", reach)
     check_not_negative("noise", noise)
+    n, displaced, reach, noise = int(n), float(displaced), abs(float(reach)), float(noise)
     generator = generator_of(rng)
     points = np.column_stack([generator.uniform(-_WIDE, _WIDE, (n, 2)), np.ones(n)])
     T = np.eye(4)
@@ -265,6 +276,7 @@ def moving_object(n: int, moving: float, outlier_ratio: float, noise: float, rng
     check_share("moving", moving)
     check_share("outlier_ratio", outlier_ratio)
     check_not_negative("noise", noise)
+    n, moving, outlier_ratio, noise = int(n), float(moving), float(outlier_ratio), float(noise)
     generator = generator_of(rng)
     depth = generator.uniform(4.0, 12.0, n)
     points = np.column_stack([generator.uniform(-_WIDE, _WIDE, (n, 2)) * depth[:, None], depth])
@@ -306,6 +318,7 @@ def two_planes(n: int, outlier_ratio: float, noise: float, rng: Seed) -> PointMa
     check_count("n", n)
     check_share("outlier_ratio", outlier_ratio)
     check_not_negative("noise", noise)
+    n, outlier_ratio, noise = int(n), float(outlier_ratio), float(noise)
     generator = generator_of(rng)
     along, height, left = generator.uniform(0.0, 3.0, n), generator.uniform(-1.5, 1.5, n), generator.random(n) < 0.5
     points = np.column_stack([np.where(left, along, 0.0), height, np.where(left, 0.0, along)])
