@@ -210,7 +210,8 @@ def test_a_full_disk_behind_stdout_is_told():
 
 
 SLOW = """
-import sys, threading
+import signal, sys, threading
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored where the tests run under nohup
 from nonsac import cli, simulate
 from nonsac.files.atomic import write_atomically
 
