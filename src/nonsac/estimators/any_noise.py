@@ -47,8 +47,8 @@ class Octaves:
     rows: Rows
     ladder: Ladder
     optimise: Callable[[Array, float], Array]
-    kept: list[Best] = field(default_factory=list)
-    seen: Array = field(default_factory=lambda: np.empty(0))
+    kept: list[Best] = field(init=False)
+    seen: Array = field(init=False)
 
     def __post_init__(self) -> None:
         octaves = -(-len(self.ladder.chance) // _OCTAVE)
