@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Value = TypeVar("Value")
 
 WEIGHT = "weight"
 _ORIENTATIONS = 4
@@ -94,6 +95,7 @@ class Rows:
     values: Array
     weights: Array | None = None
     copies: int = 0
+    _kept: dict[Hashable, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, table: Array, width: int) -> Rows:
@@ -136,6 +138,13 @@ class Rows:
     def times(self, factors: Array) -> Array:
         """Factors (N,), times the weights if there are weights."""
         return factors if self.weights is None else factors * self.weights
+
+    def kept(self, owner: object, name: Hashable, make: Callable[[], Value]) -> Value:
+        """What was made of these rows before under this name for the same owner; made now, if nothing was."""
+        key = id(owner), name
+        if key not in self._kept:
+            self._kept[key] = owner, make()  # an owner that is gone would leave its id to another
+        return self._kept[key][1]
 
     def __len__(self) -> int:
         return len(self.values)

@@ -7,10 +7,10 @@ from hypothesis.extra.numpy import arrays
 from nonsac.kernels.facts import distant_rows
 
 
-def marked(rows, split):
-    columns = np.ascontiguousarray(rows.T, np.float32)
+def marked(rows, split, apart=1.0):
+    rows, apart = np.array(rows, np.float64, order="C"), np.full(rows.shape[1], apart)
     distant = np.ones(len(rows), dtype=np.bool_)
-    assert distant_rows(columns, split, distant) == np.count_nonzero(distant)
+    assert distant_rows(rows, apart, split, distant) == np.count_nonzero(distant)
     return distant
 
 
@@ -87,6 +87,12 @@ def test_the_bound_is_a_distance_of_one():
 
 def test_differences_of_both_halves_do_not_add_up():
     assert not marked(np.array([[0.0, 0.0], [0.9, 0.9]]), 1)[1]
+
+
+@given(tables(), st.integers(-3, 3), st.integers(-1000, 1000))
+def test_only_differences_in_units_of_the_least_one_matter(table, power, shift):
+    rows, split = table
+    np.testing.assert_array_equal(marked(2.0**power * rows + shift, split, 2.0**power), marked(rows, split))
 
 
 def test_no_rows_are_no_problem():

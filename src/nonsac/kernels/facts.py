@@ -8,26 +8,30 @@ from nonsac.kernels._jit import reordered_kernel
 
 
 @reordered_kernel
-def distant_rows(columns, split, distant):
-    """Mark rows of `columns` (D, N) that lie 1 or more, in either half, from all rows marked before; returns how many.
+def distant_rows(rows, apart, split, distant):
+    """Mark rows (N, D) that lie `apart` (D,) or more, in either half, from all marked before; returns how many.
 
-    The halves are the columns before `split` and from it on; `distant` (N,) bool is overwritten.
+    The halves are the columns before `split` and from it on; `distant` (N,) bool is overwritten. Single precision,
+    relative to the first row.
     """
-    size, n = columns.shape
+    n, size = rows.shape
+    scaled = np.empty(size, np.float32)
     marked = np.empty((size, n), np.float32)
     first, second = np.empty(n, np.float32), np.empty(n, np.float32)
     count = 0
     for i in range(n):
+        for c in range(size):
+            scaled[c] = np.float32((rows[i, c] - rows[0, c]) / apart[c])
         for j in range(count):
             first[j] = np.float32(0.0)
             second[j] = np.float32(0.0)
         for c in range(split):
-            value, column = columns[c, i], marked[c]
+            value, column = scaled[c], marked[c]
             for j in range(count):
                 difference = column[j] - value
                 first[j] += difference * difference
         for c in range(split, size):
-            value, column = columns[c, i], marked[c]
+            value, column = scaled[c], marked[c]
             for j in range(count):
                 difference = column[j] - value
                 second[j] += difference * difference
@@ -37,6 +41,6 @@ def distant_rows(columns, split, distant):
         distant[i] = near == 0
         if near == 0:
             for c in range(size):
-                marked[c, count] = columns[c, i]
+                marked[c, count] = scaled[c]
             count += 1
     return count

@@ -6,8 +6,8 @@ import numpy as np
 
 from nonsac.estimators.contract import Estimator, checked_hypothesis
 from nonsac.layouts import Array, Rows
-from nonsac.method.residuals import Residuals, background, chance_rate, measured_noise
-from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of, solved
+from nonsac.method.residuals import Residuals, chance_rate, measured_noise
+from nonsac.problems.contract import ContractBroken, Problem, background, blame, residuals_of, solved
 from nonsac.problems.ladder import log_chance
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Remark
@@ -72,10 +72,11 @@ def noise_seen_by(problem: Problem, models: Array, rows: Rows, above: float) -> 
 
     Cheap, as nothing is estimated, and enough if the models are nearly right, as those of minimal samples are.
     """
-    table = rows.some(_ROWS_SEEN).values
+    some = rows.some(_ROWS_SEEN)
+    table = some.values
     by_chance, residuals = (
         np.sort(residuals_of(problem, models, values), axis=1)
-        for values in (background(problem, table, _ROWS_SEEN), table)
+        for values in (background(problem, some, _ROWS_SEEN), table)
     )
     best, least = None, _LOG_CHANCE - np.log(len(models) * len(_RUNGS))
     for threshold in float(np.nanmedian(by_chance)) * _RUNGS:
@@ -109,6 +110,6 @@ def _residuals_of_wrong_rows(problem: Problem, rows: Array, rng: np.random.Gener
         return float("nan")
     samples = np.stack([rng.choice(len(rows), problem.minimal_size, replace=False) for _ in range(_MODELS)])
     models = solved(problem, rows[samples])
-    residuals = residuals_of(problem, models, background(problem, rows, 500)) if len(models) else np.empty(0)
+    residuals = residuals_of(problem, models, background(problem, Rows(rows), 500)) if len(models) else np.empty(0)
     finite = residuals[np.isfinite(residuals)]
     return float(np.median(finite)) if len(finite) else float("nan")

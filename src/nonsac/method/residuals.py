@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from nonsac.layouts import Array, Rows
-from nonsac.problems.contract import Problem, residuals_of
+from nonsac.problems.contract import Problem, background, residuals_of
 from nonsac.problems.ladder import LADDER, Telling
 from nonsac.problems.noise import Noise
 
@@ -26,7 +26,7 @@ class Residuals:
     @classmethod
     def of(cls, problem: Problem, model: Array, rows: Rows) -> Residuals:
         size = min(50_000, max(6_000, 10 * len(rows)))
-        by_chance = residuals_of(problem, model[None], background(problem, rows.values, size))[0]
+        by_chance = residuals_of(problem, model[None], background(problem, rows, size))[0]
         return cls(residuals_of(problem, model[None], rows.values)[0], by_chance)
 
     def support(self, threshold: float) -> float:
@@ -54,7 +54,7 @@ def noise_of_model(model: Array, residuals: Residuals, telling: Telling) -> floa
 
 def telling_of(problem: Problem, rows: Rows) -> Telling:
     """What `noise_of_model` needs of the rows; some are enough."""
-    return Telling(problem, rows.some(_ROWS))
+    return rows.kept(problem, "telling", lambda: Telling(problem, rows.some(_ROWS)))
 
 
 def measured_noise(residuals: Residuals, threshold: float, dimension: int, most: float = np.inf) -> float:
@@ -83,11 +83,6 @@ def measured_noise(residuals: Residuals, threshold: float, dimension: int, most:
         else:
             window = max(Noise.given(noise).threshold, 1e-300)
     return noise
-
-
-def background(problem: Problem, rows: Array, size: int) -> Array:
-    """So many rows as there would be if no model held, the same each time."""
-    return problem.background(rows, size, np.random.default_rng(len(rows)))
 
 
 def chance_rate(residuals: Array, threshold: float) -> float:

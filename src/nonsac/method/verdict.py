@@ -51,7 +51,7 @@ class Candidate:
     def residuals(self) -> Residuals:
         return Residuals.of(self.problem, self.model, self.rows)
 
-    @property
+    @cached_property
     def inliers(self) -> NDArray[np.bool_]:
         return self.residuals.of_rows < self.noise.threshold
 

@@ -225,6 +225,15 @@ def scattered(rows: Array, size: int, rng: np.random.Generator) -> Array:
     return start
 
 
+def background(problem: Problem, rows: Rows, size: int) -> Array:
+    """So many background rows, the same each time."""
+    return rows.kept(
+        problem,
+        ("background", size),
+        lambda: problem.background(rows.values, size, np.random.default_rng(len(rows))),
+    )
+
+
 def solved(problem: Problem, samples: Array) -> Array:
     """The models of minimal samples, if they are what the contract says; none of samples that are singular."""
     if not len(samples):

@@ -37,10 +37,13 @@ class Facts:
     @classmethod
     def of(cls, model: Array, inliers: Array, rows: int, noise: Noise, places: Places, most: int = _LOOKED_AT) -> Facts:
         """Those of some inliers (K, D), of which at most so many are looked at, among so many rows."""
-        looked_at = np.linspace(0, len(inliers) - 1, min(len(inliers), most)).astype(np.int64)
+        if len(inliers) <= most:
+            chosen = places.independent(model, inliers, noise)
+            return cls(chosen, rows - len(inliers) + int(np.count_nonzero(chosen)), 1.0)
+        looked_at = np.linspace(0, len(inliers) - 1, most).astype(np.int64)
         chosen = np.zeros(len(inliers), dtype=np.bool_)
         chosen[looked_at] = places.independent(model, inliers[looked_at], noise)
-        share = len(looked_at) / max(len(inliers), 1)
+        share = len(looked_at) / len(inliers)
         return cls(chosen, int(share * rows) - len(looked_at) + int(np.count_nonzero(chosen)), share)
 
     @property
@@ -94,6 +97,6 @@ class Places:
         if resolution is None or self.least is None:
             chosen[distinct(rows)] = True
         elif len(rows):
-            columns = (rows - rows.mean(axis=0)) / np.maximum(resolution, self.least)
-            distant_rows(np.ascontiguousarray(columns.T, np.float32), self.problem.layout.split, chosen)
+            apart = np.maximum(resolution, self.least)
+            distant_rows(np.ascontiguousarray(rows), apart, self.problem.layout.split, chosen)
         return chosen

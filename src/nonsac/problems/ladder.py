@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc, xlogy
+from scipy.special import betainc
 
 from nonsac.kernels.ladder import best_on_ladder
 from nonsac.layouts import Array, Rows
-from nonsac.problems.contract import Problem, residuals_of, solved
+from nonsac.problems.contract import Problem, background, residuals_of, solved
 from nonsac.problems.facts import Facts, Places
 from nonsac.problems.noise import Noise
 
@@ -48,7 +49,7 @@ class Ladder:
         models = solved(problem, rows.values[samples])
         if not len(models):
             return None
-        wrong = problem.background(rows.values, _WRONG_ROWS, np.random.default_rng(len(rows)))
+        wrong = background(problem, rows, _WRONG_ROWS)
         residuals = residuals_of(problem, models, wrong).ravel()
         finite = residuals[np.isfinite(residuals)]
         unit = float(np.median(finite)) if len(finite) else 0.0
@@ -121,9 +122,9 @@ class Telling:
         problem, values, fitted = self.problem, self.rows.values, self.problem.minimal_size
         residuals = residuals_of(problem, model[None], values)[0]
         counts = np.searchsorted(np.sort(residuals), thresholds)
-        rates = self._rates(model, thresholds, counts)
+        rates, counts = self._rates(model, thresholds, counts).tolist(), counts.tolist()
         rungs = [rung for rung in range(0, len(rates), 2) if counts[rung] > fitted]
-        bounds = {rung: -log_chance(int(counts[rung]) - fitted, len(values) - fitted, rates[rung]) for rung in rungs}
+        bounds = {rung: -log_chance(counts[rung] - fitted, len(values) - fitted, rates[rung]) for rung in rungs}
         best = Level(float(thresholds[0]), 0.0, 0, len(values) - fitted, 1.0)
         for rung in sorted(rungs, key=lambda rung: (-bounds[rung], rung)):
             if bounds[rung] <= best.score:
@@ -134,7 +135,7 @@ class Telling:
             count, rows = facts.count - fitted, facts.rows - fitted
             score = -log_chance(count, rows, rates[rung])
             if score > best.score:
-                best = Level(threshold, score, count, rows, float(rates[rung]))
+                best = Level(threshold, score, count, rows, rates[rung])
         return best
 
     def _rates(self, model: Array, thresholds: Array, counts: NDArray[np.int64]) -> Array:
@@ -148,7 +149,7 @@ class Telling:
 
     @cached_property
     def _wrong(self) -> Array:
-        return self.problem.background(self.rows.values, _OWN_WRONG_ROWS, np.random.default_rng(len(self.rows)))
+        return background(self.problem, self.rows, _OWN_WRONG_ROWS)
 
     @cached_property
     def _places(self) -> Places:
@@ -160,7 +161,8 @@ def log_chance(inliers: int, rows: int, rate: float) -> float:
     share = inliers / rows
     if not rate < share <= 1.0:
         return 0.0
-    return -rows * float(xlogy(share, share / rate) + xlogy(1.0 - share, (1.0 - share) / (1.0 - rate)))
+    beyond = share * math.log(share / rate)
+    return -rows * (beyond if share == 1.0 else beyond + (1.0 - share) * math.log((1.0 - share) / (1.0 - rate)))
 
 
 def _rates(residuals: Array, thresholds: Array) -> Array:
