@@ -7,9 +7,10 @@ import nonsac
 from nonsac import Noise, SpecialCase
 from nonsac.layouts import Rows
 from nonsac.method import verdict as verdicts
-from nonsac.method.residuals import Residuals, background
+from nonsac.method.residuals import Residuals
 from nonsac.method.verdict import Candidate, Effort, judge_rows
 from nonsac.problems import Registration
+from nonsac.problems.contract import background
 from nonsac.result import Remark, Status
 from plane import Plane
 
@@ -122,7 +123,7 @@ def test_the_chance_rate_is_the_same_each_time():
 
 def test_background_rows_keep_either_half_and_lose_the_matches(rng):
     rows = np.arange(60.0).reshape(10, 6)
-    drawn = background(Registration(), rows, 6000)
+    drawn = background(Registration(), Rows(rows), 6000)
     assert drawn.shape == (6000, 6)
     firsts, seconds = (np.searchsorted(rows[:, column], drawn[:, column]) for column in (0, 3))
     np.testing.assert_array_equal(drawn, np.hstack([rows[firsts, :3], rows[seconds, 3:]]))
@@ -130,18 +131,18 @@ def test_background_rows_keep_either_half_and_lose_the_matches(rng):
     pairs, mirrored = (sorted(zip(*numbers, strict=True)) for numbers in ((firsts, seconds), (seconds, firsts)))
     assert pairs == mirrored
     assert len(set(pairs)) == 90
-    np.testing.assert_array_equal(drawn, background(Registration(), rows, 6000))
+    np.testing.assert_array_equal(drawn, background(Registration(), Rows(rows), 6000))
 
 
 def test_scattered_rows_of_a_normal_distribution_nearly_are_that_distribution(rng):
     rows = rng.standard_normal((20_000, 3)) * [1.0, 50.0, 0.0] + [7.0, -3.0, 2.0]
-    drawn = background(Plane(), rows, 20_000)
+    drawn = background(Plane(), Rows(rows), 20_000)
     assert drawn.shape == (20_000, 3)
     np.testing.assert_allclose(drawn.mean(axis=0), [7.0, -3.0, 2.0], atol=1.5)
     np.testing.assert_allclose(drawn.std(axis=0), [1.0, 50.0, 0.0], rtol=0.03, atol=1e-12)
     tails = np.quantile((drawn[:, :2] - [7.0, -3.0]) / [1.0, 50.0], [0.01, 0.25, 0.75, 0.99], axis=0)
     np.testing.assert_allclose(tails, np.array([-2.326, -0.674, 0.674, 2.326])[:, None] * [1, 1], atol=0.3)
-    np.testing.assert_array_equal(drawn, background(Plane(), rows, 20_000))
+    np.testing.assert_array_equal(drawn, background(Plane(), Rows(rows), 20_000))
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0, 90.0])
@@ -149,7 +150,7 @@ def test_scattered_rows_of_a_line_among_others_lie_on_no_line(angle, rng):
     normal = np.array([-np.sin(np.radians(angle)), np.cos(np.radians(angle))])
     rows = rng.uniform(-1, 1, (2000, 2))
     rows[:1000] -= np.outer(rows[:1000] @ normal, normal)
-    assert (np.abs(background(naive.Line(), rows, 10_000) @ normal) < 0.01).mean() < 0.06
+    assert (np.abs(background(naive.Line(), Rows(rows), 10_000) @ normal) < 0.01).mean() < 0.06
 
 
 CLUSTERS = np.random.default_rng(7).uniform(-1, 1, (30, 3))
