@@ -10,7 +10,7 @@ from scipy.stats import chisquare
 import naive
 from nonsac import simulate
 from nonsac.estimators import Ransac
-from nonsac.estimators.ransac import minimal_samples
+from nonsac.estimators.ransac import _promising, minimal_samples
 from nonsac.layouts import Layout, Rows
 from nonsac.problems import AbsolutePose, Noise, Problem, Registration, RelativePose
 from nonsac.problems.fits import biweight_costs, trials_needed
@@ -455,3 +455,21 @@ def test_a_joint_search_without_inliers_returns_what_there_was(rng):
     joint = Ransac(10).search_jointly(problem, [start], Rows(rows), Noise.within(0.1), rng)
     np.testing.assert_array_equal(joint.model, model)
     assert joint.tested == 0
+
+
+@problems
+def test_a_good_model_is_promising_among_many_bad_ones(rng, problem, make_rows):
+    rows, truth = make_rows(rng, n=4000, outliers=0.9)
+    samples = rows[minimal_samples(len(rows), problem.minimal_size, 400, rng)]
+    models = np.concatenate([problem.solve_minimal(samples), truth[None, :3]])
+    left = _promising(problem, models, Rows(rows), THRESHOLD)
+    assert len(left) == len(models) // 8
+    assert (left == truth[:3]).all(axis=(1, 2)).any()
+
+
+@problems
+@pytest.mark.parametrize("n", [100, 1500])
+def test_of_few_rows_none_is_left_out(rng, problem, make_rows, n):
+    rows, truth = make_rows(rng, n=n)
+    models = np.repeat(truth[None, :3], 100, axis=0)
+    assert _promising(problem, models, Rows(rows), THRESHOLD) is models

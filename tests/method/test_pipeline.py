@@ -433,6 +433,37 @@ def test_max_samples_end_the_search():
     assert result.status is Status.LOW_SUPPORT
 
 
+class Thorough(MockEstimator):
+    """Says that it tested so many models in each sample."""
+
+    def __init__(self, tested):
+        super().__init__()
+        self.tested = tested
+
+    def estimate(self, problem, rows, noise, rng):
+        return replace(super().estimate(problem, rows, noise, rng), tested=self.tested)
+
+
+@pytest.mark.parametrize(("most", "samples"), [(100, 16), (20, 16), (200, 32)])
+def test_a_long_search_that_finds_nothing_ends_sooner(most, samples):
+    judge = Judge(NOTHING)
+    result = run(np.zeros((5000, 2)), Thorough(8000), samples="auto", max_samples=most, refine=judge)
+    assert (result.info["samples"], result.status) == (samples, Status.LOW_SUPPORT)
+
+
+def test_a_long_search_that_finds_something_goes_on():
+    class Doubter(Judge):
+        def refine(self, search, winner):
+            return replace(super().refine(search, winner), remarks=("partly right",))
+
+    result = run(np.zeros((5000, 2)), Thorough(8000), samples="auto", max_samples=50, refine=Doubter(NOTHING))
+    assert result.info["samples"] == 50
+
+
+def test_samples_that_were_asked_for_are_drawn_though_nothing_is_found():
+    assert run(estimator=Thorough(10**6), samples=20, refine=Judge(NOTHING)).info["samples"] == 20
+
+
 @pytest.mark.parametrize("status", [Status.DEGENERATE, Status.AMBIGUOUS])
 def test_what_is_special_about_the_data_is_believed_after_eight_samples(status):
     judge = Judge((status, 0.0))

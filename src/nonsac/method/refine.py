@@ -58,6 +58,11 @@ class Refinement:
     remarks: tuple[str, ...] = ()
     info: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_chance(self) -> bool:
+        """Whether the model explains no more than one that is wrong would."""
+        return self.status is Status.LOW_SUPPORT and not self.remarks
+
     @classmethod
     def of(
         cls, search: Search, model: Array, hypotheses: Sequence[Hypothesis] | None = None, at_least: int = 0

@@ -155,7 +155,7 @@ def _is_final(refinement: Refinement | None) -> bool:
     """Whether nothing would be gained by drawing the samples again: it is trusted, or no more than chance."""
     if refinement is None or _is_trusted(refinement):
         return True
-    return refinement.status is Status.LOW_SUPPORT and not refinement.remarks
+    return refinement.is_chance
 
 
 def _measured(refinement: Refinement | None) -> float:
