@@ -28,8 +28,8 @@ from nonsac.values.quiet import quiet
 _CLEAR = 0.99
 _ENOUGH_FOR_SPECIAL_CASES = 8
 _ENOUGH_FAILURES = 8
-# Models tested without a find: of two views those of 300,000 minimal samples, of which one is right with 95 % probability
-# if 10 % of the rows are; in proportion for more samples than by default.
+# Models tested without a find. Of two views they are those of 300,000 minimal samples, one of which is right with 95 %
+# probability if 10 % of the rows are; in proportion for more samples than by default.
 _ENOUGH_MODELS, _ENOUGH_FOR_EACH_SAMPLE = 125_000, 1250
 
 
