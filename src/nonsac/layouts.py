@@ -182,7 +182,9 @@ def _perhaps_repeated(rows: Array) -> NDArray[np.int64]:
     hashes = hashed(rows)
     ordered = np.sort(hashes)
     twice = ordered[1:][ordered[1:] == ordered[:-1]]
-    return np.flatnonzero(np.isin(hashes, twice)) if len(twice) else np.empty(0, np.int64)
+    if not len(twice):
+        return np.empty(0, np.int64)
+    return np.flatnonzero(twice[np.minimum(np.searchsorted(twice, hashes), len(twice) - 1)] == hashes)
 
 
 def hashed(rows: Array) -> NDArray[np.uint64]:

@@ -162,7 +162,9 @@ class Problem(ABC):
         first = rng.integers(n, size=half)
         second = (first + rng.integers(1, max(n, 2), size=half)) % n
         first, second = np.concatenate([first, second])[:size], np.concatenate([second, first])[:size]
-        return np.hstack([rows[first, :split], rows[second, split:]])
+        mixed = rows.take(first, axis=0)  # twice as fast as indexing
+        mixed[:, split:] = rows.take(second, axis=0)[:, split:]
+        return mixed
 
     def special_cases(self, model: Array, inliers: Array, noise: Noise) -> Sequence[SpecialCase]:
         """Special cases of the data that may explain the inliers, too: a planar scene, say. By default none."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nonsac.kernels.homography import homography_errors
 from nonsac.kernels.pose_math import rotate
 from nonsac.layouts import Array
 
@@ -131,11 +132,11 @@ def transfer_errors(model: Array, plane: Array, rows: Array, focals: tuple[float
     area); the distance in pixels is divided by the standard deviation that it has in each direction. NaN counts as far.
     """
     homographies = _homographies(model, plane)
-    depth = homographies[..., 2, :2] @ rows[:, :2].T + homographies[..., 2, 2, None]
-    depth = np.where(depth > 0.0, depth, np.nan)
-    square = (focals[1] / focals[0]) ** 2 * np.abs(np.linalg.det(homographies))[..., None] / depth**3
-    distance = np.linalg.norm(seen_through_plane(model, plane, rows[:, :2]) - rows[:, 2:], axis=-1)
-    return np.asarray(focals[1] * distance / np.sqrt(1.0 + square))
+    errors = np.empty((*homographies.shape[:-2], len(rows)))
+    homography_errors(
+        homographies.reshape(-1, 3, 3), np.ascontiguousarray(rows.T), *focals, errors.reshape(-1, len(rows))
+    )
+    return errors
 
 
 def plane_of(model: Array, rows: Array, error: Callable[[Array], Array], threshold: float) -> Array:
