@@ -171,8 +171,8 @@ class Ransac(Estimator):
 
     def _optimised(self, problem: Problem, model: Array, rows: Rows, threshold: float) -> Array:
         """The model after a fit to all rows near it, first from twice as far."""
-        wide = reweighted_fit(problem, model, rows, 2.0 * threshold, 5)
-        fitted = reweighted_fit(problem, wide, rows, threshold, 10)
+        wide = reweighted_fit(problem, model, rows, 2.0 * threshold, 4)
+        fitted = reweighted_fit(problem, wide, rows, threshold, 6)
         both = np.stack([model, fitted])
         return both[int(np.argmin(biweight_costs(problem, both, rows, threshold)))]
 

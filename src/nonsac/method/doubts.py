@@ -20,7 +20,7 @@ from nonsac.problems.noise import Noise
 _NEAR = 3.0  # thresholds
 _SPARE = 2  # rows beyond a minimal sample that a part must hold
 _APART, _ERRORS = 8.0, 3.0  # degrees, and standard errors
-_ITERATIONS = 10
+_ITERATIONS, _MOST = 6, 5000
 _STEP = 1.25  # thresholds, in the mean over the inliers
 # Shares of the threshold, and of the inliers that as many others may be: of a noise that was given, or not.
 _GIVEN, _FOUND = (1.0, 0.2), (0.6, 0.15)
@@ -39,9 +39,8 @@ def disagreement(problem: Problem, model: Array, rows: Rows, noise: Noise, sigma
     and what it could elsewhere, does not. Parts that determine little may differ more. `sigma` is the noise that the
     inliers show. None if no part has enough rows to be fitted, or the problem does not know its standard errors.
     """
-    residuals = problem.residuals(model[None], rows.values)[0]
-    near = rows[residuals < _NEAR * noise.threshold]
-    inliers = residuals[residuals < _NEAR * noise.threshold] < noise.threshold
+    near = rows[problem.residuals(model[None], rows.values)[0] < _NEAR * noise.threshold].some(_MOST)
+    inliers = problem.residuals(model[None], near.values)[0] < noise.threshold
     shown = Noise.given(sigma)
     if problem.standard_errors(model, near.values[inliers], shown) is None:
         return None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 
 from nonsac.kernels.ladder import best_on_ladder
+from nonsac.kernels.minimal_samples import distinct_rows
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, background, residuals_of, solved
 from nonsac.problems.facts import Facts, Places
@@ -45,7 +46,8 @@ class Ladder:
         """Thresholds for some rows; None if no minimal sample of them gives a model, or rows have no extent."""
         if len(rows) <= problem.minimal_size:
             return None
-        samples = np.stack([rng.choice(len(rows), problem.minimal_size, replace=False) for _ in range(_MODELS)])
+        samples = np.empty((_MODELS, problem.minimal_size), np.int64)
+        distinct_rows(rng.random(samples.shape), len(rows), samples)
         models = solved(problem, rows.values[samples])
         if not len(models):
             return None
