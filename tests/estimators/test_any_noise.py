@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from nonsac import External, Pcr99, Ransac, simulate
+from nonsac.estimators.any_noise import Octaves
 from nonsac.evaluation import rotation_error
 from nonsac.layouts import Rows
 from nonsac.problems import AbsolutePose, Registration, RelativePose
+from nonsac.problems.ladder import Ladder, Telling
 
 RANSAC = Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=100)
 CASES = {
@@ -60,3 +62,21 @@ def test_who_needs_a_noise_says_so(rng):
     for estimator in (RANSAC, Pcr99.for_pairs()):
         assert estimator.estimate_at_any_noise(problem, weighted, rng) is None
         assert estimator.estimate_at_any_noise(problem, Rows(np.zeros((50, 6))), rng) is None
+
+
+def test_a_finer_model_is_taken_if_the_rows_are_likelier_with_it(rng):
+    """Of the two, the coarse one was found less likely by chance; it is off by two thirds of its threshold."""
+    problem, data = Registration(), simulate.registration(600, 0.8, 0.004, rng)
+    rows = Rows(np.hstack([data.source, data.target]))
+    octaves = Octaves(problem, rows, Ladder.of(problem, rows, rng), lambda model, threshold: model)
+    right, off = data.T[:3], data.T[:3].copy()
+    off[0, 3] += 0.05
+    octaves.keep(right)
+    coarse = float(octaves.ladder.thresholds[np.searchsorted(octaves.ladder.thresholds, 0.08)])
+    telling = Telling(problem, rows)
+    model, threshold = octaves._likeliest(telling, off, coarse)
+    np.testing.assert_array_equal(model, right)
+    assert threshold < 0.5 * coarse
+    model, threshold = octaves._likeliest(telling, right, coarse)
+    np.testing.assert_array_equal(model, right)
+    assert threshold == coarse

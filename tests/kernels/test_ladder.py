@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from nonsac import simulate
-from nonsac.kernels.ladder import best_on_ladder, count_on_ladder
+from nonsac.kernels.ladder import best_on_ladder, count_on_ladder, likelihood_ratios
 from nonsac.problems import AbsolutePose, Problem, Registration, RelativePose
 from nonsac.problems.ladder import BEYOND, LADDER
 
@@ -97,3 +97,30 @@ def test_no_more_than_chance_is_nothing():
     scores, numbers = best(np.full((1, BEYOND + 2), 50), chance=0.06)
     assert (scores == 0.0).all()
     assert (numbers == -1).all()
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_likelihoods_are_those_of_a_mixture(rng, dimension):
+    """Maximised over the share of inliers by trying all; densities over the volume within the threshold."""
+    sigma, threshold, n = 0.2, 1.0, 3000
+    lengths = np.linalg.norm(sigma * rng.standard_normal((600, dimension)), axis=1)
+    chance = 0.1
+    wrong = np.where(rng.random(n - 600) < chance, rng.random(n - 600) ** (1 / dimension), 9.0) * threshold
+    residuals, found = np.concatenate([lengths, wrong]), np.empty(1)
+    near = residuals < threshold
+    volume = {1: 2.0, 2: np.pi, 3: 4.0 / 3.0 * np.pi}[dimension]
+    gaussian = np.exp(-0.5 * (residuals[near] / sigma) ** 2) / (2.0 * np.pi * sigma**2) ** (dimension / 2)
+    relative = gaussian * volume * threshold**dimension / chance
+    shares = np.linspace(1e-3, 0.99, 500)
+    logs = [np.log(s * relative + 1 - s).sum() + (~near).sum() * np.log(1 - s) for s in shares]
+    peak = volume * 5.0**dimension / (2.0 * np.pi) ** (dimension / 2)
+    likelihood_ratios(residuals, np.array([threshold]), np.array([chance]), peak, 3, found)
+    assert found[0] == pytest.approx(max(logs), abs=1.0)
+    assert found[0] > 500.0
+
+
+def test_few_residuals_within_a_threshold_say_nothing():
+    found = np.zeros(2)
+    likelihood_ratios(np.array([0.1, 0.2, 5.0, 6.0]), np.array([1.0, 9.0]), np.array([0.1, 0.9]), 4.0, 2, found)
+    assert found[0] == -np.inf
+    assert np.isfinite(found[1])

@@ -37,6 +37,16 @@ def test_the_threshold_that_tells_most_is_some_standard_deviations(rng, noise):
     assert level.score > 200.0
 
 
+@pytest.mark.parametrize("noise", [1e-3, 0.01, 0.03])
+def test_rows_are_likeliest_at_five_standard_deviations_of_the_right_model(rng, noise):
+    problem, model, rows = pairs(rng, noise=noise)
+    telling, turned = Telling(problem, rows), model.copy()
+    turned[:, 3] += noise
+    likelihood, threshold = telling.likelihood(model, 2.0 * LADDER[::-1])
+    assert threshold == pytest.approx(5.0 * noise, rel=0.5)
+    assert 200.0 < telling.likelihood(turned, 2.0 * LADDER[::-1])[0] + 20.0 < likelihood
+
+
 def test_a_model_of_nothing_tells_nothing(rng):
     problem, model, rows = pairs(rng, outliers=1.0)
     level = Telling(problem, rows).of(model, 2.0 * LADDER)

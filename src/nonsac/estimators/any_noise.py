@@ -17,6 +17,7 @@ from nonsac.problems.ladder import Ladder, Telling
 
 _LOOKED_AT, _JUDGED = 2, 5
 _OCTAVE = 2  # rungs
+_FINER, _CLEARLY = 10, 2.0
 
 
 @dataclass
@@ -102,4 +103,21 @@ class Octaves:
         if not found:
             return None
         score, threshold, model = max(found, key=lambda each: each[:2])
-        return model, -threshold, score
+        return *self._likeliest(telling, model, -threshold), score
+
+    def _likeliest(self, telling: Telling, model: Array, threshold: float) -> tuple[Array, float]:
+        """The model, or one of those kept at finer thresholds, if the rows are clearly likelier with that.
+
+        Where few rows are right, their number is least likely by chance at a coarse threshold, at which a model some
+        degrees off has as many; how near they are tells.
+        """
+        within = self.ladder.thresholds[: len(self.ladder.chance)]
+        finer = np.ascontiguousarray(within[within <= threshold][::-_OCTAVE][:_FINER])
+        most, chosen = telling.likelihood(model, finer)[0] + _CLEARLY, (model, threshold)
+        for best in self.kept:
+            if best.model is None or within[best.rung] > threshold:
+                continue
+            likelihood, its_threshold = telling.likelihood(best.model, finer)
+            if likelihood > most:
+                most, chosen = likelihood, (best.model, its_threshold)
+        return chosen

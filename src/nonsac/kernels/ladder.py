@@ -142,3 +142,34 @@ def best_on_ladder(counts, rows, fitted, chance, dimension, scores, best):
             if score > scores[j]:
                 scores[j] = score
                 best[j] = m
+
+
+@kernel
+def likelihood_ratios(residuals, thresholds, chance, peak, few, ratios):
+    """How much likelier residuals (N,) are if some are of inliers than if all are there by chance; the logarithms (L,).
+
+    For each threshold, inliers have Gaussian errors of a fifth of it, and rows within it by chance, as many as `chance`
+    (L,) says, are evenly spread. `peak` is how much denser inliers are at 0 than rows evenly spread. The share of
+    inliers is found by two steps of expectation maximisation. Minus infinity where no more than `few` are within.
+    """
+    n = residuals.shape[0]
+    relative = np.empty(n)
+    for j in range(thresholds.shape[0]):
+        near = 0
+        for i in range(n):
+            if residuals[i] < thresholds[j]:
+                scaled = residuals[i] / thresholds[j]
+                relative[near] = peak / chance[j] * np.exp(-12.5 * scaled * scaled)
+                near += 1
+        ratios[j] = -np.inf
+        if near <= few:
+            continue
+        share = max(near / n - chance[j], 1e-3)
+        for _ in range(2):
+            inliers = 0.0
+            for i in range(near):
+                inliers += share * relative[i] / (share * relative[i] + 1.0 - share)
+            share = min(max(inliers / n, 1e-6), 0.999)
+        ratios[j] = (n - near) * np.log(1.0 - share)
+        for i in range(near):
+            ratios[j] += np.log(share * relative[i] + 1.0 - share)

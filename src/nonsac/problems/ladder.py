@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from nonsac.kernels.ladder import best_on_ladder
+from nonsac.kernels.ladder import best_on_ladder, likelihood_ratios
 from nonsac.kernels.minimal_samples import distinct_rows
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, background, residuals_of, solved
@@ -24,6 +24,7 @@ LADDER = np.asarray(2.0 ** (0.5 * np.arange(1 - _RUNGS - BEYOND, 1)), np.float64
 _COARSE = 4
 _MODELS, _WRONG_ROWS = 50, 500
 _OWN_WRONG_ROWS, _FACTS = 4000, 500
+_COUNTED = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +140,24 @@ class Telling:
             if score > best.score:
                 best = Level(threshold, score, count, rows, rates[rung])
         return best
+
+    def likelihood(self, model: Array, thresholds: Array) -> tuple[float, float]:
+        """How much likelier the rows are with inliers of a model than without, as a logarithm, and at which threshold.
+
+        The likelihood of MLESAC (Torr and Zisserman, CVIU 2000), with chance in place of an even distribution. The
+        thresholds go down; where background rows become too few to be counted, they are taken to be as dense as before.
+        """
+        problem, d = self.problem, self.problem.residual_dimension
+        residuals = residuals_of(problem, model[None], self.rows.values)[0]
+        rates, sizes = _rates(residuals_of(problem, model[None], self._wrong)[0], thresholds), thresholds**d
+        counted = max(int(np.count_nonzero(rates > _COUNTED)) - 1, 0)
+        chance = np.append(rates[:counted], rates[counted] * sizes[counted:] / sizes[counted])
+        volume = math.pi ** (d / 2) / math.gamma(d / 2 + 1)
+        peak = volume * Noise.given(1.0).threshold ** d / (2.0 * math.pi) ** (d / 2)
+        ratios = np.empty(len(thresholds))
+        likelihood_ratios(residuals, thresholds, chance, peak, problem.minimal_size, ratios)
+        best = int(np.argmax(ratios))
+        return float(ratios[best]), float(thresholds[best])
 
     def _rates(self, model: Array, thresholds: Array, counts: NDArray[np.int64]) -> Array:
         """How often rows are within all but the last thresholds by chance, or by what lies beside them."""
