@@ -63,6 +63,13 @@ def test_a_cluster_gives_the_same_bits(client, rows_on_disk, refine):
     same(registered(np.load(rows_on_disk, mmap_mode="r"), client, samples=12, refine=refine), alone)
 
 
+def test_samples_of_rows_in_memory_travel_together(client, rng):
+    views = simulate.relative_pose(30_000, 0.8, 0.0025, rng)
+    settings = {"noise": 0.0025, "samples": 40, "sample_size": 500}
+    alone = nonsac.relative_pose(views.points1, views.points2, workers=1, **settings)
+    same(alone, nonsac.relative_pose(views.points1, views.points2, workers=client, **settings))
+
+
 def test_a_cluster_by_its_address(client, rows_on_disk):
     rows = np.load(rows_on_disk)
     alone = registered(rows, 1, samples=4)

@@ -22,7 +22,7 @@ from nonsac.result import Hypothesis
 
 _FIRST_BATCH, _LARGEST_BATCH = 64, 2048
 _COMPARED = 5
-_INNER = 300
+_INNER, _RANKED_ON, _RANKED = 300, 10_000, 25
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,10 @@ class Ransac(Estimator):
     ) -> Hypothesis | None:
         """The best model of minimal samples among the inliers of the best hypotheses (inner RANSAC, Chum et al. 2003).
 
-        A hypothesis that is right in part has a larger share of right rows among its inliers, over all samples.
+        A hypothesis that is right in part has a larger share of right rows among its inliers, over all samples. Of many
+        rows some tell which models are worth counting the inliers of among all.
         """
-        threshold = noise.threshold
+        threshold, few = noise.threshold, rows.some(_RANKED_ON)
         models = np.stack([h.model for h in hypotheses if h.found])
         costs = biweight_costs(problem, models, rows, threshold)
         best, cost, tested = models[0], np.inf, 0
@@ -160,8 +161,9 @@ class Ransac(Estimator):
             if not len(found):
                 continue
             tested += len(found)
-            counts = problem.count_inliers(found, rows.values, threshold, rows.mean_weights)
-            first = found[np.argsort(-counts, kind="stable")[:_COMPARED]]
+            if len(few) < len(rows):
+                found = _with_most_inliers(problem, found, few, threshold, _RANKED)
+            first = _with_most_inliers(problem, found, rows, threshold, _COMPARED)
             costs = biweight_costs(problem, first, rows, threshold)
             if costs.min() < cost:
                 best, cost = first[int(np.argmin(costs))], float(costs.min())
@@ -173,6 +175,11 @@ class Ransac(Estimator):
         fitted = reweighted_fit(problem, wide, rows, threshold, 10)
         both = np.stack([model, fitted])
         return both[int(np.argmin(biweight_costs(problem, both, rows, threshold)))]
+
+
+def _with_most_inliers(problem: Problem, models: Array, rows: Rows, threshold: float, most: int) -> Array:
+    counts = problem.count_inliers(models, rows.values, threshold, rows.mean_weights)
+    return models[np.argsort(-counts, kind="stable")[:most]]
 
 
 def minimal_samples(
