@@ -447,7 +447,7 @@ def test_of_many_rows_a_joint_search_counts_the_most_promising_models_only(rng, 
     near = naive.shift_model(3.04)
     found = []
     for most in (10_000, 30_000):
-        monkeypatch.setattr("nonsac.estimators.ransac._RANKED_ON", most)
+        monkeypatch.setattr("nonsac.estimators.ransac.RANKED_ON", most)
         problem, counted = Counting(), []
         start = Hypothesis(near, problem.residuals(near[None], rows)[0], 0.05)
         random = np.random.default_rng(0)

@@ -15,14 +15,14 @@ from nonsac.estimators.contract import Estimator
 from nonsac.kernels.minimal_samples import distinct_rows, gather_rows
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, solved
-from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
+from nonsac.problems.fits import RANKED_ON, SPARE, biweight_costs, cheapest, reweighted_fit, trials_needed
 from nonsac.problems.ladder import Ladder
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
 
 _FIRST_BATCH, _LARGEST_BATCH = 64, 2048
 _COMPARED = 5
-_INNER, _RANKED_ON, _RANKED = 300, 10_000, 25
+_INNER = 300
 
 
 @dataclass(frozen=True)
@@ -148,11 +148,10 @@ class Ransac(Estimator):
         A hypothesis that is right in part has a larger share of right rows among its inliers, over all samples. Of many
         rows some tell which models are worth counting the inliers of among all.
         """
-        threshold, few = noise.threshold, rows.some(_RANKED_ON)
+        threshold, few = noise.threshold, rows.some(RANKED_ON)
         models = np.stack([h.model for h in hypotheses if h.found])
-        costs = biweight_costs(problem, models, rows, threshold)
         best, cost, tested = models[0], np.inf, 0
-        for model in models[np.argsort(costs, kind="stable")[:_COMPARED]]:
+        for model in models[cheapest(problem, models, rows, threshold, _COMPARED)]:
             inliers = rows[problem.residuals(model[None], rows.values)[0] < threshold]
             if len(inliers) <= problem.minimal_size:
                 continue
@@ -162,7 +161,7 @@ class Ransac(Estimator):
                 continue
             tested += len(found)
             if len(few) < len(rows):
-                found = _with_most_inliers(problem, found, few, threshold, _RANKED)
+                found = _with_most_inliers(problem, found, few, threshold, SPARE * _COMPARED)
             first = _with_most_inliers(problem, found, rows, threshold, _COMPARED)
             costs = biweight_costs(problem, first, rows, threshold)
             if costs.min() < cost:

@@ -198,10 +198,9 @@ class Search:
 
     def union(self, at_least: int = 0) -> Rows:
         """The usable rows of all samples, each once, and further ones up to a number; read when first asked for."""
-        at_least = min(at_least, self.max_rows)
-        key = (self.task.start, at_least)
-        if self._union is None or self._union[0] != key:
-            self._union = key, self.task.union(0, at_least)
+        wanted = max(self.task.start, min(at_least, self.max_rows))
+        if self._union is None or self._union[0] != wanted:
+            self._union = wanted, self.task.union(0, wanted)
         return self._union[1]
 
-    _union: tuple[tuple[int, int], Rows] | None = field(default=None, repr=False)
+    _union: tuple[int, Rows] | None = field(default=None, repr=False)
