@@ -191,6 +191,11 @@ def written(folder, table, kind):
 
         write_table(pyarrow.table(list(table.T), names), folder / "rows.parquet", row_group_size=GROUP)
         return nonsac.open_source(folder / "rows.parquet")
+    if kind == "hdf5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(folder / "rows.h5", "w") as file:
+            file.create_dataset("rows", data=table, chunks=(GROUP, 4), compression="lzf")
+        return nonsac.open_source(folder / "rows.h5")
     np.save(folder / "rows.npy", table)
     return nonsac.open_source(folder / "rows.npy")
 
@@ -201,6 +206,7 @@ def few(monkeypatch):
     monkeypatch.setattr("nonsac.method.budget.LARGEST_SIZE", 200)
     monkeypatch.setattr("nonsac.method.budget._READ_AT_ONCE", 30_000)
     monkeypatch.setattr("nonsac.sources.records._RUN", 32 * GROUP)
+    monkeypatch.setattr("nonsac.sources.blocks._BLOCK_BYTES", 32 * GROUP)
 
 
 def told(result):
@@ -258,6 +264,15 @@ def test_other_blocks_are_not_read_unless_all_rows_are_asked_for(tmp_path, few):
     full = nonsac.relative_pose(source, **SETTINGS | {"refine": "full"})
     assert full.num_rows == ROWS
     assert result.info["blocks"] == full.info["blocks"] == 16
+
+
+def test_chunks_of_hdf5_are_blocks(tmp_path, few):
+    results = [
+        nonsac.relative_pose(written(tmp_path, table_of(order)[1], "hdf5"), **SETTINGS)
+        for order in ("shuffled", "by the image")
+    ]
+    assert [result.info["blocks"] for result in results] == [16, 16]
+    assert [bool(told(result)) for result in results] == [False, True]
 
 
 @pytest.mark.parametrize("kind", ["parquet", "npy"])
