@@ -33,6 +33,7 @@ METHODS = {
     "union": ("nonsac, sampled rows", "nonsac"),
     "polish": ("nonsac, last fit to 100,000 rows", "nonsac"),
     "full": ("nonsac, last fit to all rows", "nonsac"),
+    "blocks": ("nonsac, blocks drawn, last fit to 100,000 rows", "nonsac"),
     "poselib": ("PoseLib, all rows", "poselib"),
     "poselib_refit": ("PoseLib, 2,000 rows, refined on all", "poselib"),
     "opencv": ("OpenCV, all rows", "cv2"),
@@ -42,7 +43,7 @@ METHODS = {
 
 def named(problem: str, suffix: str) -> Sequence[str]:
     """The methods for a problem and a kind of file."""
-    ours = ("union", "polish", "full")
+    ours = ("union", "polish", "full", *(("blocks",) if suffix == "parquet" else ()))
     rivals = ("kiss",) if problem == "registration" else ("poselib", "poselib_refit", "opencv")
     return [*ours, *(rivals if suffix == "npy" else ())] if all(map(available, rivals)) else ours
 
@@ -56,9 +57,10 @@ def call(method: str, problem: str, path: str, noise: float, seed: int) -> tuple
     if method == "all_pairs":
         result = of_all_pairs(problem, Path(path), noise, seed)
         return result.T, str(result.status)
-    if method in ("union", "polish", "full"):
+    if method in ("union", "polish", "full", "blocks"):
         source = nonsac.open_source(path)
-        result = CALLS[problem](source, noise=noise, refine=method, rng=seed)
+        chosen = {"draw": "blocks"} if method == "blocks" else {"refine": method}
+        result = CALLS[problem](source, noise=noise, rng=seed, **chosen)
         return result.T, str(result.status)
     rows = np.load(path).astype(np.float64)
     first, second = PROBLEMS[problem].layout.parts(rows)

@@ -174,14 +174,15 @@ def draw(rows: list[Row]) -> None:
     figure = new_figure(11.0, 6.2)
     axes = figure.subplots(2, 3, sharex=True, sharey="row")
     for column, (problem, title) in enumerate(TITLES.items()):
-        for method, (name, _) in METHODS.items():
+        for method, colour in COLOURS.items():
+            name = METHODS[method][0]
             found = [
                 row
                 for row in rows
                 if (row["problem"], row["method"], row["format"]) == (problem, method, "npy") and not row["failed"]
             ]
             sizes = [row["rows"] for row in found]
-            style = {"color": COLOURS[method], "marker": "o", "markersize": 4, "label": name.replace("`", "")}
+            style = {"color": colour, "marker": "o", "markersize": 4, "label": name.replace("`", "")}
             axes[0, column].loglog(sizes, [row["seconds"] for row in found], **style)
             axes[1, column].loglog(sizes, [row["peak_megabytes"] for row in found], **style)
         axes[0, column].set_title(title)

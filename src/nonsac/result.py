@@ -66,6 +66,7 @@ class Remark(StrEnum):
     NOT_FITTED_TO_ALL = "not fitted to all rows"
     ESTIMATOR_FAILED = "the estimator failed in some samples"
     COPIES = "rows are equal to others"
+    BLOCKS_DIFFER = "the rows of a block are alike"
     MIRRORED = "mirrored"
     OTHER_IMAGE = "points do not lie about the image of the camera"
     SIZES_DIFFER = "the clouds differ in size"
@@ -89,6 +90,7 @@ _REMARKS = {
     Remark.NOT_FITTED_TO_ALL: "the answer is the one fitted to some rows",
     Remark.ESTIMATOR_FAILED: "the core estimator raised an exception; these samples count as empty",
     Remark.COPIES: "rows equal to more than three others count once, as padding and missing measurements should",
+    Remark.BLOCKS_DIFFER: 'the file is sorted or grouped, and some blocks do not stand for it; use draw="rows"',
     Remark.MIRRORED: "one image looks like a mirror image of the other, or its x and y are exchanged",
     Remark.OTHER_IMAGE: "was an image resized, are x and y exchanged, or is it another camera's",
     Remark.SIZES_DIFFER: "one cloud is at least three times as large as the other, and no scale is estimated",

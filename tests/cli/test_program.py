@@ -50,14 +50,14 @@ ROWS = SHARED | {
     "--columns",
     "--dataset",
 }
-ROWS |= {"--max-memory", "--estimator", "--rule", "--refine"}
+ROWS |= {"--draw", "--max-memory", "--estimator", "--rule", "--refine"}
 OPTIONS = {
     "register-clouds": SHARED | {"--save-aligned"},
     "register-pairs": ROWS | {"--scale", "--save-aligned"},
     "relative-pose": ROWS
     | {"--image1", "--image2", "--camera1", "--camera2", "--photo1", "--photo2", "--write-geometry"},
     "absolute-pose": ROWS | {"--image", "--camera", "--photo"},
-    "plan": {"--problem", "--columns", "--dataset", "--samples", "--sample-size", "--json", "--help"},
+    "plan": {"--problem", "--columns", "--dataset", "--samples", "--sample-size", "--draw", "--json"} | {"--help"},
     "demo": {"--picture", "--seed", "--workers", "--save-scans", "--json", "--quiet", "--help"},
     "batch": {"--output", "--call", "--workers", "--time-limit", "--resume", "--overwrite", "--quiet", "--help"},
     "simulate": {"--outlier-ratio", "--noise", "--output", "--seed", "--dtype", "--row-group", "--truth", "--quiet"}

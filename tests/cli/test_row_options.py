@@ -29,6 +29,20 @@ def test_memory_bounds_the_last_fit(run):
     assert int(out.split(" of ")[1].split()[0]) <= 20_833
 
 
+def test_blocks_may_be_drawn(run, monkeypatch):
+    monkeypatch.setattr("nonsac.method.budget.LARGEST_SIZE", 10)
+    monkeypatch.setattr("nonsac.sources.records._RUN", 10**5)
+    drawn = [
+        run("register-pairs", "pairs.npy", "--noise", 0.01, "--json", "--draw", draw) for draw in ("blocks", "rows")
+    ]
+    assert [code for code, _, _ in drawn] == [0, 0]
+    blocks, rows = (json.loads(out)["info"] for _, out, _ in drawn)
+    assert 40 < blocks["blocks"] < 60
+    assert "blocks" not in rows
+    expected = nonsac.register_pairs(nonsac.open_source("pairs.npy"), noise=0.01, draw="blocks")
+    assert json.loads(drawn[0][1])["T"] == expected.T.tolist()
+
+
 @pytest.mark.parametrize("name", ["ransac", "pcr99"])
 def test_an_estimator_by_name(run, name):
     code, out, err = run("register-pairs", "pairs.npy", "--noise", 0.01, "--estimator", name, "--json")
@@ -61,6 +75,7 @@ def test_workers_are_a_number_or_an_address(run):
         ("--refine", "best", "'--refine': 'best' is not one of union, polish, full, none"),
         ("--estimator", "lmeds", "'--estimator': 'lmeds' is not one of ransac, pcr99"),
         ("--estimator", "", "'--estimator': '' is not one of ransac, pcr99"),
+        ("--draw", "groups", "'--draw': 'groups' is not one of rows, blocks"),
         ("--rule", "best", "'--rule': rule must be one of most_inliers, closest_pair, closest_triplet, "),
         ("--rule", "tlp_0", "'--rule': rule must be one of most_inliers, "),
         ("--max-memory", "lots", "'lots' is no number of bytes, such as 500000000 or '500 MB'"),

@@ -299,6 +299,9 @@ def test_a_plan(folder, views, run):
     report = json.loads(run("plan", "rows", "--json", "--samples", 3, "--sample-size", 50)[1])
     assert report == nonsac.plan(nonsac.open_source("rows"), samples=3, sample_size=50).to_dict()
     assert (report["columns"], report["rows_read"]) == (5, 400)
+    assert json.loads(run("plan", "rows", "--json", "--draw", "blocks")[1]) == json.loads(
+        run("plan", "rows", "--json")[1]
+    )
     assert json.loads(run("plan", "rows", "--json", "--columns", "x1")[1])["columns"] == 1
 
 
@@ -309,6 +312,7 @@ def test_plans_that_cannot_be_made(folder, views, refused):
     assert "none: no such file" in refused("plan", "none")
     assert "'--samples'" in refused("plan", "rows", "--samples", 0)
     assert "'--problem'" in refused("plan", "rows", "--problem", "line")
+    assert "'--draw'" in refused("plan", "rows", "--draw", "groups")
 
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdin"])

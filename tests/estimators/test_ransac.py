@@ -436,6 +436,27 @@ def test_a_joint_search_goes_on_from_a_model_that_is_right_in_part(rng):
     np.testing.assert_array_equal(joint.residuals, problem.residuals(joint.model[None], rows)[0])
 
 
+def test_of_many_rows_a_joint_search_counts_the_most_promising_models_only(rng, monkeypatch):
+    class Counting(naive.Shift):
+        def count_inliers(self, models, rows, threshold, weights=None):
+            counted.append((len(models), len(rows)))
+            return super().count_inliers(models, rows, threshold, weights)
+
+    rows = np.column_stack([rng.uniform(-1, 1, 30_000), rng.uniform(-50, 50, 30_000)])
+    rows[:900, 1] = rows[:900, 0] + 3.0 + 0.01 * rng.standard_normal(900)
+    near = naive.shift_model(3.04)
+    found = []
+    for most in (10_000, 30_000):
+        monkeypatch.setattr("nonsac.estimators.ransac.RANKED_ON", most)
+        problem, counted = Counting(), []
+        start = Hypothesis(near, problem.residuals(near[None], rows)[0], 0.05)
+        random = np.random.default_rng(0)
+        found.append(Ransac(10).search_jointly(problem, [start], Rows(rows), Noise.given(0.01), random))
+        assert counted == ([(300, 10_000), (25, 30_000)] if most == 10_000 else [(300, 30_000)])
+    assert abs(found[0].model[0, 3] - 3.0) < 0.02
+    assert abs(found[1].model[0, 3] - 3.0) < 0.02
+
+
 def test_a_joint_search_goes_by_the_weights_too(rng):
     """Most rows near the start have one shift, the heavier ones another."""
     problem, x = naive.Shift(), rng.uniform(-1, 1, 300)

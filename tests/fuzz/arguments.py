@@ -436,6 +436,7 @@ def _clouds() -> Any:
 def _settings(**others: Any) -> Arguments:
     settings = {"noise": 0.01, "samples": "auto", "sample_size": "auto", "max_samples": 20, "time_limit": 1.0}
     settings |= {
+        "draw": "blocks",
         "max_memory": "100 MB",
         "rule": "minimum_median",
         "refine": "union",
@@ -612,7 +613,9 @@ CALLS: dict[str, Call] = {
     "Job": Call(_job, _job_arguments, 15, names=("data",)),
     "estimate_many": Call(_many, _many_arguments, 15, ("workers",), ("progress",)),
     "plan": Call(
-        nonsac.plan, lambda: {"source": nonsac.ArraySource(_rows()), "samples": 10, "sample_size": 20}, check=str
+        nonsac.plan,
+        lambda: {"source": nonsac.ArraySource(_rows()), "samples": 10, "sample_size": 20, "draw": "rows"},
+        check=str,
     ),
     "Camera": Call(
         lambda **given: nonsac.Camera(**given).normalise([[1.0, 2]]),

@@ -10,6 +10,30 @@ from nonsac.running.memory import bytes_for
 from nonsac.sources.contract import About
 
 
+class Groups(nonsac.Source):
+    """A hundred groups of a million rows on a disk, of which any row costs all of its group."""
+
+    about = About(blocks=np.arange(0, 100_000_001, 1_000_000))
+    width = 4
+
+    def __len__(self):
+        return 100_000_000
+
+    def take(self, indices):
+        raise AssertionError("nothing is read")
+
+    def bytes_to_take(self, rows):
+        return 16_000_000 * min(rows, 100)
+
+
+def test_a_draw_of_blocks_reads_less():
+    rows, blocks = (nonsac.plan(Groups(), draw=draw) for draw in ("rows", "blocks"))
+    assert (rows.bytes_read, blocks.bytes_read) == (1_600_000_000, 256_000_000)
+    assert (rows.bytes_of_all, rows.rows, rows.blocks) == (blocks.bytes_of_all, blocks.rows, blocks.blocks)
+    with pytest.raises(ValueError, match='draw must be "rows" or "blocks", got \'groups\''):
+        nonsac.plan(Groups(), draw="groups")
+
+
 class Blocks(ArraySource):
     """A million rows in blocks of 1,000, of which each takes 50 bytes a row to read."""
 

@@ -13,7 +13,7 @@ from nonsac.method.union_refit import UnionRefit
 from nonsac.method.verdict import Effort, judge_rows
 from nonsac.problems import Registration
 from nonsac.problems.contract import ContractBroken
-from nonsac.problems.fits import biweight_costs, reweighted_fit
+from nonsac.problems.fits import biweight_costs, cheapest, reweighted_fit
 from nonsac.result import Hypothesis, Status
 from nonsac.sources import ArraySource
 from nonsac.testing import check_refiner
@@ -222,6 +222,31 @@ def test_polishing_fits_the_winner_to_more_rows_than_the_union():
     assert refinement.num_rows == len(more)
     np.testing.assert_allclose(refinement.model[0, 3], 0.005, atol=1e-4)
     np.testing.assert_allclose(UnionRefit().refine(search, 0).model[0, 3], 0, atol=1e-4)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_of_many_rows_some_rank_the_models(rng, weighted):
+    """The order on all rows, of those that some rows rank high; the first ones of equal ones."""
+
+    class Counting(naive.Shift):
+        def residuals(self, models, rows):
+            looked_at.append(len(models) * len(rows))
+            return super().residuals(models, rows)
+
+    x = rng.uniform(-1, 1, 30_000)
+    weights = rng.uniform(0.1, 2.0, 30_000) if weighted else None
+    rows = Rows(np.column_stack([x, x + 0.01 * rng.standard_normal(30_000)]), weights)
+    models = np.stack([naive.shift_model(shift) for shift in rng.permutation(np.repeat(np.arange(30) / 100, 2))])
+    problem, looked_at = Counting(), []
+    costs = biweight_costs(problem, models, rows, 0.05)
+    on_all = sum(looked_at)
+    looked_at.clear()
+    np.testing.assert_array_equal(cheapest(problem, models, rows, 0.05, 4), np.argsort(costs, kind="stable")[:4])
+    assert sum(looked_at) == 60 * 10_000 + 20 * 30_000 < on_all
+    for some, few in ((models, rows[:10_000]), (models[:20], rows)):
+        looked_at.clear()
+        cheapest(problem, some, few, 0.05, 4)
+        assert sum(looked_at) == len(some) * len(few)
 
 
 def test_biweight_costs_equal_their_definition(scene):

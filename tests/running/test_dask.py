@@ -63,6 +63,25 @@ def test_a_cluster_gives_the_same_bits(client, rows_on_disk, refine):
     same(registered(np.load(rows_on_disk, mmap_mode="r"), client, samples=12, refine=refine), alone)
 
 
+@pytest.mark.parametrize("refine", ["union", "full"])
+def test_a_cluster_draws_the_same_blocks(client, rows_on_disk, monkeypatch, refine):
+    monkeypatch.setattr("nonsac.method.budget.LARGEST_SIZE", 100)
+    monkeypatch.setattr("nonsac.method.budget._READ_AT_ONCE", 5000)
+    monkeypatch.setattr("nonsac.sources.records._RUN", 48 * 500)
+    settings = {"noise": 0.01, "samples": 12, "sample_size": 400, "refine": refine, "draw": "blocks"}
+    alone = nonsac.register_pairs(nonsac.open_source(rows_on_disk), workers=1, **settings)
+    assert alone.info["blocks"] == 16
+    assert alone.num_rows == (40_000 if refine == "full" else 4800)
+    same(alone, nonsac.register_pairs(nonsac.open_source(rows_on_disk), workers=client, **settings))
+
+
+def test_samples_of_rows_in_memory_travel_together(client, rng):
+    views = simulate.relative_pose(30_000, 0.8, 0.0025, rng)
+    settings = {"noise": 0.0025, "samples": 40, "sample_size": 500}
+    alone = nonsac.relative_pose(views.points1, views.points2, workers=1, **settings)
+    same(alone, nonsac.relative_pose(views.points1, views.points2, workers=client, **settings))
+
+
 def test_a_cluster_by_its_address(client, rows_on_disk):
     rows = np.load(rows_on_disk)
     alone = registered(rows, 1, samples=4)

@@ -230,6 +230,59 @@ def test_a_closed_client_is_refused():
         list(ordered_map(square, 3, ClosedClient()))
 
 
+class Journeys(ThreadPoolExecutor):
+    """Counts what is sent, and how many tasks may run at once."""
+
+    def __init__(self, width):
+        super().__init__(width)
+        self.sent = []
+
+    def submit(self, function, /, *args):
+        self.sent.append(args[0])
+        return super().submit(function, *args)
+
+
+@pytest.mark.parametrize("together", [1, 2, 4, 50])
+@pytest.mark.parametrize("count", [1, 3, 7, 60])
+def test_tasks_that_travel_together_come_in_order(count, together):
+    with Journeys(2) as pool:
+        assert list(ordered_map(square, count, pool, together=together)) == [i * i for i in range(count)]
+        packed = list(ordered_map(square, count, pool, lambda i: lambda number: (i, number), together))
+        assert packed == [(i, i) for i in range(count)]
+
+
+def test_there_are_fewer_journeys_at_first_and_single_tasks_at_the_end():
+    with Journeys(2) as pool:
+        list(ordered_map(square, 60, pool, together=4))
+    sizes = [after - before for before, after in zip(pool.sent, [*pool.sent[1:], 60], strict=True)]
+    assert sizes[:8] == [4] * 8
+    assert sizes[-6:] == [1] * 6
+    assert sizes == sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize("together", [1, 2, 4, 50])
+def test_what_fails_among_others_raises_after_the_outcomes_before_it(together):
+    with ThreadPoolExecutor(1) as pool:
+        outcomes = ordered_map(fails_at_3, 60, pool, together=together)
+        assert [next(outcomes) for _ in range(3)] == [0, 1, 2]
+        with pytest.raises(RuntimeError, match="sample 3 failed"):
+            next(outcomes)
+
+
+def test_what_fails_once_among_others_is_done_again_and_so_are_those_after_it():
+    failed, lock = set(), threading.Lock()
+
+    def fails_once(i):
+        with lock:
+            if i in (3, 8, 11) and i not in failed:  # not the first of their rows
+                failed.add(i)
+                raise RuntimeError(i)
+        return i
+
+    with ThreadPoolExecutor(1) as pool:
+        assert list(ordered_map(fails_once, 20, pool, together=6)) == list(range(20))
+
+
 def test_a_task_may_be_packed_for_the_way():
     """Of which only a part is sent to an executor; threads of this process get the task itself."""
 

@@ -17,12 +17,14 @@ from nonsac.sources import (
     NpySource,
     ParquetSource,
     RawSource,
+    SomeBlocksSource,
     StreamSource,
     ZarrSource,
 )
 from nonsac.testing import check_source
 
 ROWS = np.arange(60.0).reshape(20, 3)
+BLOCKS = np.array([2, 11, 15]), np.array([5, 12, 19])
 
 
 def raw(folder, rows=ROWS):
@@ -93,6 +95,7 @@ EXAMPLES = {
     ),
     MappedSource: lambda folder: (MappedSource(ArraySource(ROWS), np.negative), -ROWS),
     ParquetSource: lambda folder: (parquet(ROWS, folder), ROWS),
+    SomeBlocksSource: lambda _: (SomeBlocksSource(ArraySource(ROWS), *BLOCKS), ROWS[[2, 3, 4, 11, 15, 16, 17, 18]]),
     StreamSource: lambda _: stream(ROWS),
 }
 # Class -> a source with these rows, in any order; those left out make their rows themselves.
@@ -101,6 +104,9 @@ HOLDING = {
     JoinedSource: lambda rows, folder: JoinedSource([rows]),
     MappedSource: lambda rows, folder: MappedSource(ArraySource(-rows), np.negative),
     ParquetSource: parquet,
+    SomeBlocksSource: lambda rows, folder: SomeBlocksSource(
+        ArraySource(np.concatenate([-rows, rows, -rows])), np.array([len(rows)]), np.array([2 * len(rows)])
+    ),
     StreamSource: lambda rows, folder: StreamSource(np.array_split(rows, 7)),
     HeldSource: lambda rows, folder: HeldSource(ArraySource(rows)),
     Hdf5Source: lambda rows, folder: hdf5(folder, rows)[0],

@@ -15,7 +15,7 @@ from nonsac.estimators.contract import Estimator
 from nonsac.kernels.minimal_samples import distinct_rows, gather_rows
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, solved
-from nonsac.problems.fits import biweight_costs, reweighted_fit, trials_needed
+from nonsac.problems.fits import RANKED_ON, SPARE, biweight_costs, cheapest, reweighted_fit, trials_needed
 from nonsac.problems.ladder import Ladder
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
@@ -147,13 +147,13 @@ class Ransac(Estimator):
     ) -> Hypothesis | None:
         """The best model of minimal samples among the inliers of the best hypotheses (inner RANSAC, Chum et al. 2003).
 
-        A hypothesis that is right in part has a larger share of right rows among its inliers, over all samples.
+        A hypothesis that is right in part has a larger share of right rows among its inliers, over all samples. Of many
+        rows some tell which models are worth counting the inliers of among all.
         """
-        threshold = noise.threshold
+        threshold, few = noise.threshold, rows.some(RANKED_ON)
         models = np.stack([h.model for h in hypotheses if h.found])
-        costs = biweight_costs(problem, models, rows, threshold)
         best, cost, tested = models[0], np.inf, 0
-        for model in models[np.argsort(costs, kind="stable")[:_COMPARED]]:
+        for model in models[cheapest(problem, models, rows, threshold, _COMPARED)]:
             inliers = rows[problem.residuals(model[None], rows.values)[0] < threshold]
             if len(inliers) <= problem.minimal_size:
                 continue
@@ -162,8 +162,9 @@ class Ransac(Estimator):
             if not len(found):
                 continue
             tested += len(found)
-            counts = problem.count_inliers(found, rows.values, threshold, rows.mean_weights)
-            first = found[np.argsort(-counts, kind="stable")[:_COMPARED]]
+            if len(few) < len(rows):
+                found = _with_most_inliers(problem, found, few, threshold, SPARE * _COMPARED)
+            first = _with_most_inliers(problem, found, rows, threshold, _COMPARED)
             costs = biweight_costs(problem, first, rows, threshold)
             if costs.min() < cost:
                 best, cost = first[int(np.argmin(costs))], float(costs.min())
@@ -189,6 +190,11 @@ def _promising(problem: Problem, models: Array, rows: Rows, threshold: float) ->
     some = rows[::step]
     counts = problem.count_inliers(models, np.ascontiguousarray(some.values), threshold, some.mean_weights)
     return models[np.sort(np.argsort(-counts, kind="stable")[:most])]
+
+
+def _with_most_inliers(problem: Problem, models: Array, rows: Rows, threshold: float, most: int) -> Array:
+    counts = problem.count_inliers(models, rows.values, threshold, rows.mean_weights)
+    return models[np.argsort(-counts, kind="stable")[:most]]
 
 
 def minimal_samples(

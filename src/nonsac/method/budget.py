@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nonsac.estimators.contract import Estimator
+from nonsac.method.block_draw import drawn_blocks
 from nonsac.method.refine import Refinement
 from nonsac.method.sampling import union_rows
 from nonsac.method.settings import Settings
@@ -14,7 +15,7 @@ from nonsac.sources import HeldSource
 from nonsac.sources.contract import Source
 
 _FIRST_ROUND = 2
-_FIRST_SIZE, _LARGEST_SIZE = 2000, 16_000
+_FIRST_SIZE, LARGEST_SIZE = 2000, 16_000
 _LEAST_INLIERS = 20  # in a sample: I_min of the paper's rule N >= I_min / P_min
 _ALL_ROWS_BUDGET = 10
 _MOST_PASSES = 10
@@ -69,6 +70,14 @@ def _too_little_memory(rows: int, source: Source) -> ValueError:
     )
 
 
+def chosen_blocks(source: Source, budget: Budget, settings: Settings, seed: int) -> Source:
+    """The source, or the rows of some of its blocks that hold what all samples may ask for."""
+    if settings.draw == "rows":
+        return source
+    size = LARGEST_SIZE if settings.sample_size == "auto" else settings.sample_size
+    return drawn_blocks(source, min(max(budget.samples * size, _READ_AT_ONCE), budget.max_rows), seed)
+
+
 def kept(source: Source, seed: int, max_rows: int) -> Source:
     """The source; one of blocks with the rows that will be asked for first, from one reading of the blocks."""
     if source.about.blocks is None:
@@ -86,5 +95,5 @@ def next_round(drawn: int) -> int:
 def next_size(refinement: Refinement | None, rows: int) -> int:
     """Rows that hold enough inliers, if they are as frequent as in the best answer so far; half of all at most."""
     share = 0.0 if refinement is None else refinement.num_inliers / max(refinement.num_rows, 1)
-    needed = _LEAST_INLIERS / max(share, _LEAST_INLIERS / _LARGEST_SIZE)
+    needed = _LEAST_INLIERS / max(share, _LEAST_INLIERS / LARGEST_SIZE)
     return max(_FIRST_SIZE, min(int(needed), rows // 2))

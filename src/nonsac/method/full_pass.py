@@ -21,8 +21,8 @@ from nonsac.problems.normal_equations import LikelyInliers, NormalEquations, Str
 from nonsac.result import Remark, Status
 from nonsac.running.executors import Workers, are_elsewhere, cores, ordered_map, parsed
 from nonsac.running.memory import bytes_of_block
-from nonsac.sources import HeldSource
 from nonsac.sources.contract import Source
+from nonsac.sources.some_blocks import whole
 from nonsac.values.quiet import quiet
 
 _CHUNK = 8192  # rows whose columns, residuals and weights stay in the second-level cache
@@ -152,8 +152,7 @@ def first_pass(search: Search, model: Array) -> SumTask | None:
     assert problem.streaming is not None
     drawn = source.take(union_rows(len(source), 0, search.task.seed, _SAMPLED))
     sampled = rows_of(problem, drawn)
-    if isinstance(source, HeldSource):  # workers read the file where they are
-        source = source.source
+    source = whole(source)  # workers read the file where they are
     residuals = Residuals.of(problem, model, sampled)
     sigma = min(measured_noise(residuals, noise.threshold, problem.residual_dimension), noise.sigma)
     if not sigma > 0.0:

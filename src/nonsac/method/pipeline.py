@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nonsac.estimators.contract import Estimator
+from nonsac.layouts import Array
 from nonsac.method import scoring
-from nonsac.method.budget import Budget, kept, next_round, next_size
+from nonsac.method.block_draw import blocks_behind, remarks_on_blocks
+from nonsac.method.budget import Budget, chosen_blocks, kept, next_round, next_size
 from nonsac.method.doubts import certainty
 from nonsac.method.refine import Refinement, refined
 from nonsac.method.search import SampleTask, Search, Stop
@@ -23,6 +25,7 @@ from nonsac.running.clock import Stopwatch
 from nonsac.running.memory import peak_memory
 from nonsac.seeds import canonical_seed
 from nonsac.sources.contract import Source
+from nonsac.sources.some_blocks import whole
 from nonsac.values.quiet import quiet
 
 _CLEAR = 0.99
@@ -41,7 +44,8 @@ def run(source: Source, problem: Problem, estimator: Estimator, settings: Settin
     deadline = None if settings.time_limit is None else time.perf_counter() + settings.time_limit
     unknown = Noise.given(float("nan"), known=False)
     noise = unknown if settings.noise is None else Noise.given(settings.noise)
-    task = SampleTask(kept(source, seed, budget.max_rows), problem, budget.estimator, noise, budget.sample_size, seed)
+    source = kept(chosen_blocks(source, budget, settings, seed), seed, budget.max_rows)
+    task = SampleTask(source, problem, budget.estimator, noise, budget.sample_size, seed)
     search = Search(
         task,
         budget.samples,
@@ -57,7 +61,8 @@ def run(source: Source, problem: Problem, estimator: Estimator, settings: Settin
         return Answer(search, None, (), Stopwatch()).result(settings, Status.TOO_FEW)
     answer = method.run(noise) if noise.known else run_at_any_noise(method, estimator)
     answer = answer.finished(settings)
-    return answer.result(settings, remarks=remarks_on_noise(answer.search, answer.refinement) if noise.known else ())
+    remarks = remarks_on_noise(answer.search, answer.refinement) if noise.known else ()
+    return answer.result(settings, remarks=(*remarks, *remarks_on_blocks(answer.search, answer.model)))
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,10 @@ class Answer:
     hypotheses: tuple[Hypothesis, ...]
     clock: Stopwatch
 
+    @property
+    def model(self) -> Array | None:
+        return None if self.refinement is None else self.refinement.model
+
     def finished(self, settings: Settings) -> Answer:
         """The answer after the refiner's last step."""
         if self.refinement is None:
@@ -117,7 +126,7 @@ class Answer:
     def result(self, settings: Settings, reason: Status | None = None, remarks: tuple[str, ...] = ()) -> Result:
         """The answer as users get it; without a model, with the reason why there is none."""
         search, refinement, noise = self.search, self.refinement, self.search.noise
-        evidence = Evidence(search.problem, search.task.source)
+        evidence = Evidence(search.problem, whole(search.task.source))
         info = self._described(settings, remarks)
         if refinement is None:
             reason = reason or (Status.TIME_LIMIT if search.late else _reason(search))
@@ -154,6 +163,8 @@ class Answer:
             "seconds": self.clock.laps,
             "peak_memory": peak_memory(),
         }
+        if (blocks := blocks_behind(task.source)) is not None:
+            info["blocks"] = len(blocks.firsts)
         if refinement is not None and refinement.measured_noise is not None:
             info["measured_noise"] = refinement.measured_noise
         return info

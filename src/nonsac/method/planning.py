@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from nonsac.method.block_draw import drawn_blocks
+from nonsac.method.budget import LARGEST_SIZE
+from nonsac.method.settings import Draw, descriptions
 from nonsac.running.memory import bytes_for
 from nonsac.sources import MappedSource
 from nonsac.sources.contract import Source
 from nonsac.values.numeric import as_whole, shown
 
-_ROWS_OF_THE_LAST_FIT = 100_000
+_ROWS_OF_THE_LAST_FIT, _MOST_SAMPLES = 100_000, 100
 _BYTES_A_SECOND = 200e6
 _SECONDS_A_SAMPLE, _SECONDS_A_ROW = 0.1, 5e-6
 
@@ -69,7 +72,7 @@ class Plan:
         )
 
 
-def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
+def plan(source: Source, *, samples: int = 10, sample_size: int = 2000, draw: Draw = "rows") -> Plan:
     """Tell what a run on this source would read, hold and take, from what the source says of itself.
 
     Nothing but the description of the data is read. The run has samples of the default size, as many as suffice for
@@ -82,6 +85,8 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
         Of any kind; see `nonsac.open_source`.
     samples, sample_size : int
         As in `nonsac.estimate`.
+    draw : "rows" or "blocks"
+        Likewise.
 
     Returns
     -------
@@ -90,17 +95,19 @@ def plan(source: Source, *, samples: int = 10, sample_size: int = 2000) -> Plan:
     Raises
     ------
     ValueError
-        If a number is not positive.
+        If a number is not positive, or `draw` is something else.
     """
     for name, value in (("samples", samples), ("sample_size", sample_size)):
         if not 1 <= (as_whole(value) or 0) <= 2**53:
             raise ValueError(f"{name} must be a positive integer, got {shown(value)}")
     samples, sample_size = int(samples), int(sample_size)
+    descriptions()["draw"].check(draw)
     if not isinstance(source, Source):
         raise TypeError(f"source must be a source of rows, got {shown(source)}; see nonsac.open_source")
     rows = len(source)
     read = min(rows, max(_ROWS_OF_THE_LAST_FIT, samples * sample_size))
-    bytes_read, bytes_of_all = source.bytes_to_take(read), source.bytes_to_take(rows)
+    drawn = drawn_blocks(source, max(read, _MOST_SAMPLES * LARGEST_SIZE), seed=0) if draw == "blocks" else source
+    bytes_read, bytes_of_all = drawn.bytes_to_take(read), source.bytes_to_take(rows)
     starts = source.about.blocks
     return Plan(
         kind=type(_innermost(source)).__name__,

@@ -21,6 +21,8 @@ from nonsac.sources import ArraySource
 from nonsac.sources.contract import Source
 from nonsac.values.quiet import quiet
 
+_TOGETHER = 4  # samples that may travel to workers elsewhere at once: a tenth of a second's work
+
 
 class Stop(Protocol):
     """Says after each sample whether the hypotheses so far are enough."""
@@ -156,8 +158,11 @@ class Search:
         count = min(count, self._left())
         before = len(self.hypotheses)
         self.task.read_ahead(count)
-        travels = self.task.source.about.in_memory and are_elsewhere(self.workers)
-        for hypothesis in ordered_map(self.task, count, self.workers, self.task.packed if travels else None):
+        elsewhere = are_elsewhere(self.workers)
+        pack = self.task.packed if elsewhere and self.task.source.about.in_memory else None
+        may_end = self.stop is not None or self.deadline is not None
+        together = _TOGETHER if elsewhere and not may_end else 1
+        for hypothesis in ordered_map(self.task, count, self.workers, pack, together):
             self._take(hypothesis)
             if self.stopped or self.late:
                 break
@@ -193,10 +198,9 @@ class Search:
 
     def union(self, at_least: int = 0) -> Rows:
         """The usable rows of all samples, each once, and further ones up to a number; read when first asked for."""
-        at_least = min(at_least, self.max_rows)
-        key = (self.task.start, at_least)
-        if self._union is None or self._union[0] != key:
-            self._union = key, self.task.union(0, at_least)
+        wanted = max(self.task.start, min(at_least, self.max_rows))
+        if self._union is None or self._union[0] != wanted:
+            self._union = wanted, self.task.union(0, wanted)
         return self._union[1]
 
-    _union: tuple[tuple[int, int], Rows] | None = field(default=None, repr=False)
+    _union: tuple[int, Rows] | None = field(default=None, repr=False)

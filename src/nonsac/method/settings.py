@@ -6,7 +6,7 @@ import difflib
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar
 
@@ -24,10 +24,12 @@ if TYPE_CHECKING:
     from nonsac.running.executors import Workers
 
 Auto = Literal["auto"]
+Draw = Literal["rows", "blocks"]
 Progress = Callable[[int, int], object]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 MOST_SAMPLES = 10**6
+DRAWS = ("rows", "blocks")
 
 
 class Keywords(TypedDict, total=False):
@@ -36,6 +38,7 @@ class Keywords(TypedDict, total=False):
     noise: float | None
     samples: int | Auto
     sample_size: int | Auto
+    draw: Draw
     max_samples: int
     max_uncertainty: float | None
     time_limit: float | None
@@ -117,6 +120,12 @@ def _count(name: str, auto: bool, most: int | None = MOST_SAMPLES) -> Callable[[
     return check
 
 
+def _draw(value: Any) -> Draw:
+    if isinstance(value, str) and value in DRAWS:
+        return value  # type: ignore[return-value]
+    raise ValueError(f'draw must be "rows" or "blocks", got {shown(value)}')
+
+
 def _memory(value: Any) -> int | None:
     from nonsac.running.memory import bytes_of
 
@@ -191,6 +200,10 @@ def _read_count(text: str) -> int | Auto:
     return int(text)
 
 
+def _read_draw(text: str) -> str:
+    return _one_of(text, DRAWS)
+
+
 def _read_memory(text: str) -> str:
     from nonsac.running.memory import bytes_of
 
@@ -222,8 +235,8 @@ def _read_refiner(text: str) -> str:
     return _one_of(text, REFINERS)
 
 
-def _one_of(text: str, names: Mapping[str, object]) -> str:
-    if text not in names:
+def _one_of(text: str, names: Iterable[str]) -> str:
+    if text not in (names := tuple(names)):
         raise ValueError(f"{text!r} is not one of {', '.join(names)}")
     return text
 
@@ -282,6 +295,21 @@ class Settings:
             _read_count,
             "auto|INTEGER",
             "Rows in each; with 'auto' more if inliers are few.",
+        ),
+    )
+    draw: Draw = _setting(
+        "rows",
+        Description(
+            '"rows" or "blocks"',
+            'What is drawn of a file: "rows" all over it, or some "blocks" at random (row groups of Parquet, chunks of '
+            "HDF5, Zarr and LAZ, runs of neighbouring rows of other files), at least 16, and rows within these. Far "
+            "less is then read of files that come in blocks. It is as good if the rows of a block are no more alike "
+            'than others; if they are, as in a sorted file, `info["remarks"]` says so. Of arrays in memory and of all '
+            "pairs rows are drawn in any case.",
+            _draw,
+            _read_draw,
+            "rows|blocks",
+            "Draw rows all over the file, or read some of its blocks only.",
         ),
     )
     max_samples: int = _setting(

@@ -13,7 +13,7 @@ from nonsac.method.refine import Refinement, Refiner
 from nonsac.method.residuals import Residuals, measured_noise
 from nonsac.method.search import Search
 from nonsac.problems.contract import ContractBroken, Problem
-from nonsac.problems.fits import biweight_costs, reweighted_fit
+from nonsac.problems.fits import biweight_costs, cheapest, reweighted_fit
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
 
@@ -48,8 +48,7 @@ class UnionRefit(Refiner):
         problem, noise, rows = search.problem, search.noise, search.union()
         hypotheses = [*search.hypotheses, *_found_jointly(search)]
         models = np.stack([h.model for h in hypotheses if h.found])
-        costs = biweight_costs(problem, models, rows, noise.threshold)
-        chosen = models[np.argsort(costs, kind="stable")[: self.candidates]]
+        chosen = models[cheapest(problem, models, rows, noise.threshold, self.candidates)]
         fitted = [reweighted_fit(problem, model, rows, noise.threshold, self.iterations) for model in chosen]
         both = np.concatenate([chosen, np.stack(fitted)])
         best = both[int(np.argmin(biweight_costs(problem, both, rows, noise.threshold)))]

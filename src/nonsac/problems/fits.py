@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, refitted
 
 _BLOCK = 8192
+RANKED_ON, SPARE = 10_000, 5  # rows that rank models, if there are many, and how many more are then compared on all
 
 
 def reweighted_fit(problem: Problem, model: Array, rows: Rows, threshold: float, iterations: int) -> Array:
@@ -41,6 +43,19 @@ def biweight_costs(problem: Problem, models: Array, rows: Rows, threshold: float
         losses = 1.0 - share * share * share  # numpy's power of 3 takes ten times as long
         costs += losses.sum(axis=1) if weights is None else losses @ weights[block]
     return np.where(np.isfinite(costs), costs, np.inf)
+
+
+def cheapest(problem: Problem, models: Array, rows: Rows, threshold: float, most: int) -> NDArray[np.int64]:
+    """Numbers of the models with the least biweight costs, `most` of them at most, best first.
+
+    Of many rows some tell which models are worth comparing on all.
+    """
+    few, numbers = rows.some(RANKED_ON), np.arange(len(models))
+    if len(few) < len(rows) and len(models) > SPARE * most:
+        ranked = np.argsort(biweight_costs(problem, models, few, threshold), kind="stable")
+        numbers = np.sort(ranked[: SPARE * most])
+    costs = biweight_costs(problem, models[numbers], rows, threshold)
+    return numbers[np.argsort(costs, kind="stable")[:most]]
 
 
 def trials_needed(inlier_ratio: float, size: int, confidence: float) -> int:

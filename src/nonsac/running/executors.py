@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from nonsac.running import dask
 from nonsac.running.reentry import check_not_inherited, is_inside
@@ -21,6 +22,7 @@ def ordered_map(
     count: int,
     workers: Workers = None,
     pack: Callable[[int], Callable[[int], Outcome]] | None = None,
+    together: int = 1,
 ) -> Iterator[Outcome]:
     """`task(0)`, `task(1)`, ... in this order, computed ahead by the workers.
 
@@ -35,10 +37,12 @@ def ordered_map(
         See `parsed` for Dask.
     pack : callable, optional
         From a number to what is sent to an executor in place of the task: the same, with what it needs there.
+    together : int
+        How many tasks may be sent to an executor at once, while there are many: each journey takes some milliseconds.
     """
     pool = parsed(workers)
     if isinstance(pool, Executor):
-        yield from _ahead(pack or (lambda _: task), 0, count, pool, width_of(pool))
+        yield from _ahead(pack or (lambda _: task), 0, count, pool, width_of(pool), together)
         return
     if pool == 1 or count == 1:
         yield from map(task, range(count))
@@ -96,27 +100,60 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
+@dataclass(frozen=True)
+class _Together:
+    """Several tasks in a row; one that raises ends the row, and is done again by itself if it was not the first."""
+
+    tasks: Sequence[Callable[[int], Any]]
+
+    def __call__(self, first: int) -> list[Any]:
+        outcomes: list[Any] = []
+        for number, task in enumerate(self.tasks, first):
+            try:
+                outcomes.append(task(number))
+            except Exception:
+                if not outcomes:
+                    raise
+                break
+        return outcomes
+
+
 def _ahead(
-    pack: Callable[[int], Callable[[int], Outcome]], first: int, count: int, pool: Executor, width: int
+    pack: Callable[[int], Callable[[int], Outcome]],
+    first: int,
+    count: int,
+    pool: Executor,
+    width: int,
+    together: int = 1,
 ) -> Iterator[Outcome]:
     """The tasks from a number on; the rest in threads of this process if the pool is lost."""
-    pending: deque[Future[Outcome]] = deque()
+    pending: deque[tuple[Future[list[Outcome]], int]] = deque()
     submitted = done = first
+
+    def submit(number: int, size: int) -> tuple[Future[list[Outcome]], int]:
+        return pool.submit(_Together([pack(each) for each in range(number, number + size)]), number), size
+
     try:
         while done < count:
             try:
                 while submitted < count and len(pending) < 2 * width:
-                    pending.append(pool.submit(pack(submitted), submitted))
-                    submitted += 1
-                outcome = waited_for(pending.popleft(), pool)
+                    # Fewer towards the end, so that no worker waits long for the last one.
+                    size = max(1, min(together, (count - submitted) // (3 * width)))
+                    pending.append(submit(submitted, size))
+                    submitted += size
+                future, size = pending.popleft()
+                outcomes = waited_for(future, pool)
+                alone = range(done + len(outcomes), done + size)
+                pending.extendleft(submit(number, 1) for number in reversed(alone))
             except (BrokenExecutor, CancelledError) as error:
                 reason = " ".join(str(error).split()) or "they were cancelled"
                 warnings.warn(f"the workers are lost ({reason}); the rest is done in this process", stacklevel=2)
                 break
-            yield outcome
-            done += 1
+            for outcome in outcomes:
+                yield outcome
+                done += 1
     finally:
-        for future in pending:
+        for future, _ in pending:
             future.cancel()
     if done < count:
         with ThreadPoolExecutor(cores(), thread_name_prefix="nonsac") as threads:

@@ -11,6 +11,7 @@ from nonsac.sources.mapped import MappedSource
 from nonsac.sources.npy import NpySource
 from nonsac.sources.parquet import ParquetSource
 from nonsac.sources.raw import RawSource
+from nonsac.sources.some_blocks import SomeBlocksSource
 from nonsac.sources.stream import StreamSource
 from nonsac.sources.zarr import ZarrSource
 
@@ -26,6 +27,7 @@ __all__ = [
     "NpySource",
     "ParquetSource",
     "RawSource",
+    "SomeBlocksSource",
     "Source",
     "StreamSource",
     "ZarrSource",

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.sources.columns import names_of_table
 from nonsac.sources.contract import About, Source
+from nonsac.sources.records import run_of
 from nonsac.values.arraylike import as_array
 from nonsac.values.checks import listed
 from nonsac.values.quiet import as_doubles
@@ -52,7 +53,9 @@ class ArraySource(Source):
 
     @property
     def about(self) -> About:
-        return About(self.names, in_memory=_mapping_of(self.rows) is None)
+        if _mapping_of(self.rows) is None:
+            return About(self.names, in_memory=True)
+        return About(self.names, run=run_of(self.width * self.rows.itemsize))
 
     def __len__(self) -> int:
         return int(self.rows.shape[0])

@@ -37,6 +37,10 @@ class BlockSource(Source):
     def read_block(self, block: int) -> NDArray[np.float64]:
         """All rows of a block (k, D)."""
 
+    def read_some(self, block: int, places: NDArray[np.int64] | slice) -> NDArray[np.float64]:
+        """The rows at these places in a block (k, D); for kinds of data of which less than a block can be kept."""
+        return self.read_block(block)[places]
+
     def __len__(self) -> int:
         return int(self.block_starts[-1])
 
@@ -47,7 +51,7 @@ class BlockSource(Source):
         bounds = np.searchsorted(indices[order], self.block_starts)
         for block in np.flatnonzero(np.diff(bounds)):
             places = order[bounds[block] : bounds[block + 1]]
-            taken[places] = self.read_block(int(block))[indices[places] - self.block_starts[block]]
+            taken[places] = self.read_some(int(block), indices[places] - self.block_starts[block])
         return taken
 
     def chunks(self, rows: int, start: int = 0, stop: int | None = None) -> Iterator[NDArray[np.float64]]:
@@ -68,7 +72,7 @@ class BlockSource(Source):
         """What each block holds of a range of rows."""
         for block, (first, last) in enumerate(zip(self.block_starts[:-1], self.block_starts[1:], strict=True)):
             if max(start, first) < min(stop, last):
-                yield self.read_block(block)[max(start - first, 0) : stop - first]
+                yield self.read_some(block, slice(max(start - first, 0), stop - first))
 
 
 class EvenBlockSource(BlockSource):

@@ -31,12 +31,16 @@ class About:
         Whether its rows travel with it; workers elsewhere are then sent those of their sample only.
     keeps_rows : bool
         Whether it keeps what it reads, so that rows that will be asked for are better read at once (`Source.hold`).
+    run : int
+        If rows can be read one by one: how many neighbours are read about as fast as one, from a disk say; 1 if that
+        makes no difference. Rows are drawn from runs of so many with draw="blocks".
     """
 
     names: tuple[str, ...] | None = None
     blocks: NDArray[np.int64] | None = None
     in_memory: bool = False
     keeps_rows: bool = False
+    run: int = 1
 
     @property
     def largest_block(self) -> int:

@@ -46,7 +46,8 @@ class JoinedSource(Source):
 
     @property
     def about(self) -> About:
-        return About(in_memory=any(part.about.in_memory for part in self.parts))
+        parts = [part.about for part in self.parts]
+        return About(in_memory=any(part.in_memory for part in parts), run=min(part.run for part in parts))
 
     def __len__(self) -> int:
         return len(self.parts[0])

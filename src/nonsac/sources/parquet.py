@@ -92,17 +92,21 @@ class ParquetSource(BlockSource):
         return round(bytes_per_row * float(sizes @ (1.0 - missed)))
 
     def read_block(self, block: int) -> NDArray[np.float64]:
+        return self.read_some(block, slice(None))
+
+    def read_some(self, block: int, places: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         file = int(np.searchsorted(self._first_blocks, block, side="right")) - 1
         path = self.paths[file]
         self._check_unchanged(file)
         expected = int(self.block_starts[block + 1] - self.block_starts[block])
-        rows = np.empty((expected, self.width))
+        count = len(range(expected)[places]) if isinstance(places, slice) else len(places)
+        rows = np.empty((count, self.width))
         with _opened(path) as opened:
             for place, name in enumerate(self.names):  # one at a time: Arrow holds what it reads and what it decodes
                 column = opened.read_column(block - int(self._first_blocks[file]), name, expected)
                 if len(column) != expected:
                     raise changed(path)
-                rows[:, place] = column
+                rows[:, place] = column[places]
         self._check_unchanged(file)
         return rows
 
