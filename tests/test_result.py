@@ -18,6 +18,7 @@ from nonsac.result import (
     Remark,
     Result,
     Status,
+    Uncertainty,
     failed,
 )
 from nonsac.sources import ArraySource
@@ -138,6 +139,12 @@ def test_repr_fits_six_lines_and_names_the_status(status, found):
         assert status.explanation in text
     if found:
         assert "12 of 48 (25 %)" in text
+
+
+def test_repr_tells_how_uncertain_the_answer_is():
+    sure = a_result(np.eye(4)[:3], uncertainty=Uncertainty(0.1234, 7.0, 2.5))
+    assert "  95 % within 0.12 deg of rotation, 2.5 deg of translation" in repr(sure).splitlines()
+    assert "95 %" not in repr(a_result(np.eye(4)[:3]))
 
 
 @ANGLES

@@ -472,10 +472,17 @@ class Result:
             f"  {self._described_model()}",
             f"  inliers {self.num_inliers} of {self.num_rows} ({100 * self.inlier_ratio:.3g} %), "
             f"noise {self.noise:.4g}",
+            *self._told_uncertainty(),
             f"  {len(self.hypotheses)} hypotheses, {len(self.alternatives)} alternatives",
         ]
         lines += self._told_remarks()
         return "\n".join(lines if self.success else [*lines, f"  {self.status.explanation}"])
+
+    def _told_uncertainty(self) -> list[str]:
+        known = self.uncertainty
+        if known is None:
+            return []
+        return [f"  95 % within {known.rotation:.2g} deg of rotation, {known.angle:.2g} deg of translation"]
 
     def _told_remarks(self) -> list[str]:
         return [f"  remark: {remark}" for remark in self.remarks]
