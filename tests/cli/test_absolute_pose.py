@@ -113,6 +113,7 @@ def test_options_are_passed_on(table, points, monkeypatch, run):
         "sample_size": 50,
         "max_samples": 9,
         "max_uncertainty": 3.0,
+        "draw": "blocks",
         "time_limit": 60.0,
         "max_memory": "1 GB",
         "estimator": "ransac",
