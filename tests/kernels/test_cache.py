@@ -101,7 +101,7 @@ def test_kernels_are_read_where_they_cannot_be_written(monkeypatch, caplog):
     monkeypatch.setattr("tempfile.TemporaryFile", no_file)  # how numba tries whether it may write
     again = kernel(function)
     assert again(2) == 6
-    assert sum(again.stats.cache_hits.values()) == 1
+    assert sum(again.entry.stats.cache_hits.values()) == 1
     assert caplog.text == ""
 
 

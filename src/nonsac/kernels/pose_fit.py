@@ -45,7 +45,7 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
     size = 5 if columns.shape[0] == 4 else 6
     system, hessian, gradient = np.empty((size, size + 1)), np.empty((size, size)), np.empty(size)
     directions, step = np.empty((6, 3, 3)), np.empty(size)
-    trial = model.copy()
+    trial = np.empty((3, 4))
     orthonormalise(model)
     cost = normal_equations(columns, weights, threshold, focals, model, directions, hessian, gradient)
     if not well_posed(hessian):
@@ -66,7 +66,7 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
         move(model, step, trial)
         trial_cost = normal_equations(columns, weights, threshold, focals, trial, directions, hessian, gradient)
         if trial_cost <= cost:
-            model[:] = trial
+            copy_pose(trial, model)
             gain = cost - trial_cost
             cost = trial_cost
             damping = max(1e-9, 0.1 * damping)
@@ -110,7 +110,7 @@ def well_posed(hessian):
 @kernel
 def move(model, step, moved):
     """The pose after a step (5,) or (6,) on the manifold."""
-    moved[:] = model
+    copy_pose(model, moved)
     rotate(moved, step[0], step[1], step[2])
     t0, t1, t2 = model[0, 3], model[1, 3], model[2, 3]
     if step.shape[0] == 6:
@@ -125,6 +125,14 @@ def move(model, step, moved):
         scale = 1.0 / np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
         t0, t1, t2 = scale * t0, scale * t1, scale * t2
     moved[0, 3], moved[1, 3], moved[2, 3] = t0, t1, t2
+
+
+@kernel
+def copy_pose(model, copy):
+    """What `copy[:] = model` does; numba takes seconds to compile that, for the message if shapes do not match."""
+    for i in range(3):
+        for j in range(4):
+            copy[i, j] = model[i, j]
 
 
 @kernel
