@@ -19,12 +19,13 @@ from nonsac.method.pipeline import run
 from nonsac.method.scoring import TruncatedLp
 from nonsac.method.settings import Progress, Settings
 from nonsac.problems.noise import Noise
-from nonsac.result import VERSION, Evidence, Result, Status, failed
+from nonsac.result import Evidence, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.executors import Workers
 from nonsac.seeds import canonical_seed
 from nonsac.sources import AllPairsSource
 from nonsac.values.quiet import quiet
+from nonsac.values.version import VERSION
 
 
 def register_clouds(

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.runtime import rtsys
 
 _logger = logging.getLogger("nonsac")
 _told: set[str] = set()
@@ -51,7 +52,9 @@ class _Cache(FunctionCache):
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         try:
-            return super().load_overload(signature, target)
+            rtsys.initialize(target)  # what code on disk needs; numba's own cache makes the compiler ready, too
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(signature, target)
         except Exception:  # what damaged bytes raise when they are unpickled is anything
             _tell(f"compiled kernels in {self.cache_path} are damaged; they are compiled again (once)")
             return None

@@ -38,11 +38,12 @@ class Kernel:
         from nonsac.kernels._cache import cache_of
 
         with _lock:
-            dispatcher = self.__dict__.get("entry")  # another thread may have made it meanwhile
-            if dispatcher is None:
-                dispatcher = self.__dict__["entry"] = self._dispatcher()
-                if _CACHE:
-                    dispatcher._cache = cache_of(self.py_func)
+            if "entry" in self.__dict__:  # another thread has made it meanwhile
+                return self.__dict__["entry"]
+            dispatcher = self._dispatcher()
+            if _CACHE:
+                dispatcher._cache = cache_of(self.py_func)
+            self.__dict__["entry"] = dispatcher
             return dispatcher
 
     @functools.cached_property
@@ -60,8 +61,9 @@ class Kernel:
         return self.part._numba_type_
 
     def _dispatcher(self, **flags: Any) -> Any:
-        from numba import njit
+        import numba
 
+        njit: Any = numba.njit
         dispatcher = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **self.flags, **flags)(self.py_func)
         if hasattr(dispatcher, "_compiler"):  # else numba's compiler is turned off
             dispatcher._compiler.compile = _without_collecting(dispatcher._compiler.compile)

@@ -12,7 +12,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 
-class _Unfinished(JITCodeLibrary):  # type: ignore[misc]
+class _Unfinished(JITCodeLibrary):
     """Code that is only merged into that of callers."""
 
     def _optimize_final_module(self) -> None:
@@ -22,7 +22,7 @@ class _Unfinished(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-class Pipeline(Compiler):  # type: ignore[misc]
+class Pipeline(Compiler):
     """Numba's compiler, with a library of that kind."""
 
     def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:

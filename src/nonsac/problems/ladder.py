@@ -8,13 +8,13 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc, xlogy
 
 from nonsac.kernels.ladder import best_on_ladder
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, residuals_of, solved
 from nonsac.problems.facts import Facts, Places
 from nonsac.problems.noise import Noise
+from nonsac.values import special
 
 _RUNGS, BEYOND = 21, 4
 # Shares of the residuals of wrong rows, from a 4,096th to a quarter, and on to all of them.
@@ -96,7 +96,7 @@ class Level(NamedTuple):
         """Probability of as many facts or more (a binomial tail)."""
         if self.facts <= 0:
             return 1.0
-        return float(betainc(self.facts, max(self.rows - self.facts, 0) + 1, self.rate))
+        return float(special.betainc(self.facts, max(self.rows - self.facts, 0) + 1, self.rate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def log_chance(inliers: int, rows: int, rate: float) -> float:
     share = inliers / rows
     if not rate < share <= 1.0:
         return 0.0
-    return -rows * float(xlogy(share, share / rate) + xlogy(1.0 - share, (1.0 - share) / (1.0 - rate)))
+    return -rows * float(special.xlogy(share, share / rate) + special.xlogy(1.0 - share, (1.0 - share) / (1.0 - rate)))
 
 
 def _rates(residuals: Array, thresholds: Array) -> Array:
