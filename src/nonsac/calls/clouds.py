@@ -14,6 +14,7 @@ from nonsac.clouds.problem import OrientedRegistration
 from nonsac.clouds.refine import SurfaceRefiner, coarse_overlap
 from nonsac.clouds.search import Agreement, OrientedPairs
 from nonsac.clouds.surfaces import Surface
+from nonsac.kernels.ahead import compile_for
 from nonsac.layouts import Array
 from nonsac.method.pipeline import run
 from nonsac.method.scoring import TruncatedLp
@@ -85,6 +86,7 @@ def register_clouds(
     }
     if min(len(a), len(b)) < 3:
         return failed(Status.TOO_FEW, Evidence(problem), info)
+    compile_for("register_clouds")
     return _registered(a, b, problem, settings, info)
 
 

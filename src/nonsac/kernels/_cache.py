@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, NullCache
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 _logger = logging.getLogger("nonsac")
 _told: set[str] = set()
@@ -49,6 +49,13 @@ class _Cache(FunctionCache):
         super().__init__(function)
         name, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFile(self.cache_path, f"{name}-checked", stamp)  # numba's own files have no checksum
+
+    def holds_something(self) -> bool:
+        """Whether there is a kernel on disk that is not older than its source."""
+        try:
+            return bool(self._cache_file._load_index())
+        except Exception:  # it is damaged
+            return False
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         try:
