@@ -10,6 +10,7 @@ import sys
 import pytest
 
 import nonsac
+from nonsac.kernels.ahead import SIGNATURES, signature_of
 
 
 def run(code, **environment):
@@ -123,6 +124,8 @@ def test_kernels_compile_for_one_signature():
     unused = {name for name, found in signatures.items() if not found and name.split(".")[1] not in told["called"]}
     assert unused == set()
     assert {name: found for name, found in signatures.items() if len(found) > 1} == {}
+    ahead = {name: [str(signature_of(name))] for name in SIGNATURES}
+    assert {name: found for name, found in signatures.items() if found} == ahead
 
 
 def test_every_module_imports():

@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,22 +13,17 @@ import pytest
 import nonsac
 from cli_samples import said, subprocess_nonsac
 from nonsac import cli, simulate
-from nonsac.calls import poses
 from nonsac.cli.session import compiling_noted, progress_bar
+from nonsac.kernels import ahead
 
 
 def test_warmup(run, monkeypatch):
     told = []
-    for name in ("relative_pose", "absolute_pose"):
-        call = getattr(poses, name)
-        record = partial(
-            lambda call, *points, **options: told.append(sorted(options)) or call(*points, **options), call
-        )
-        monkeypatch.setattr(poses, name, record)
+    monkeypatch.setattr(ahead, "compile_side_by_side", lambda names, progress: told.extend(names))
     code, out, err = run("warmup")
     assert (code, said(err)) == (0, [])
-    assert "compiled" in out
-    assert told == [[], ["noise"], ["noise", "refine", "weights"]] * 2
+    assert out == "all kernels are compiled\n"
+    assert told == list(ahead.SIGNATURES)
 
 
 def test_help_and_version(run):

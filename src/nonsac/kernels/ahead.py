@@ -7,10 +7,12 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+Progress = Callable[[int, int], object]
 
 # What each kernel that Python calls is compiled for; what takes longest comes first.
 SIGNATURES = {
@@ -76,6 +78,7 @@ NEEDED = {
     "register_pairs": (
         *(name for name in SIGNATURES if name.split(".")[0] in ("kabsch", "registration")),
         *("consistency.count_consistent_distances", "consistency.ranked_triplets", "pose_math.rotate", *_JUDGED),
+        "minimal_samples.distinct_rows",
     ),
     "relative_pose": (
         *("five_point.five_point_poses", "pose_fit.fit_relative_pose", "pose_fit.move", "pose_math.rotate"),
@@ -109,7 +112,7 @@ def compile_for(call: str, noise: object = None) -> None:
     compile_side_by_side(names)
 
 
-def compile_side_by_side(names: Iterable[str]) -> None:
+def compile_side_by_side(names: Iterable[str], progress: Progress = lambda done, total: None) -> None:
     """Compile kernels in as many processes as there are cores; each takes the next one that no other has taken."""
     wanted = set(names)
     missing = [name for name in SIGNATURES if name in wanted and not _is_there(name)]
@@ -119,7 +122,7 @@ def compile_side_by_side(names: Iterable[str]) -> None:
         others = min(_cores(), len(missing)) - 1 if _can_help() else 0
         helpers = [_start_helper(claims, missing) for _ in range(others)]
         try:
-            compile_unclaimed(Path(claims), missing)
+            compile_unclaimed(Path(claims), missing, progress)
             for helper in helpers:
                 helper.wait()
         finally:
@@ -128,7 +131,7 @@ def compile_side_by_side(names: Iterable[str]) -> None:
                 helper.wait()
 
 
-def compile_unclaimed(claims: Path, names: Sequence[str]) -> None:
+def compile_unclaimed(claims: Path, names: Sequence[str], progress: Progress = lambda done, total: None) -> None:
     """Compile, one after the other, the kernels for which nobody has yet put a file into the folder of claims."""
     for name in names:
         try:
@@ -137,6 +140,7 @@ def compile_unclaimed(claims: Path, names: Sequence[str]) -> None:
             continue
         except FileNotFoundError:  # all is done, and the folder is gone
             return
+        progress(sum(1 for _ in claims.iterdir()) - 1, len(names))
         entry_of(name).compile(signature_of(name))
 
 
