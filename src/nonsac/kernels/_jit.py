@@ -72,14 +72,15 @@ class Kernel:
 
 def kernel(function: Callable[..., Any]) -> Kernel:
     """Compile a numerical kernel."""
-    return Kernel(function)
+    return Kernel(function, fastmath=False)  # else it would have the flags of the kernel that makes numba compile it
 
 
 def reordered_kernel(function: Callable[..., Any]) -> Kernel:
     """Like `kernel`, for loops over residuals whose sums may be reordered so that they vectorise.
 
-    Not for what other kernels call: a caller's compiled module has a copy of its own, optimised there in another way,
-    and which copy a process uses, and with it the last bits of the answer, depends on what it loaded first.
+    Not for what several kernels call, or kernels and Python: a caller's compiled module has a copy of its own,
+    optimised there in another way, and which copy a process uses, and with it the last bits of the answer, depends on
+    what it loaded first.
     """
     return Kernel(function, fastmath=_REORDER)
 
