@@ -113,7 +113,7 @@ def _tell_not_kept(error: Exception) -> None:
     if isinstance(error, (RuntimeError, FileNotFoundError, PermissionError)) or reason is None:
         reason = "there is no folder for them that can be written"
     _tell(
-        f"compiled kernels cannot be kept ({reason}), so that each run compiles them for about a minute; "
+        f"compiled kernels cannot be kept ({reason}), so that each run compiles them for ten seconds or more; "
         "set NUMBA_CACHE_DIR to a folder that can be written"
     )
 
