@@ -41,6 +41,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         compile_side_by_side(SIGNATURES)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "data" in getattr(item, "fixturenames", ()):  # real data
+            item.add_marker("slow")
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--seed", type=int, default=0, help="varies the random numbers of all tests (default 0)")
     parser.addoption(

@@ -115,6 +115,7 @@ print(json.dumps({
 """
 
 
+@pytest.mark.slow
 def test_kernels_compile_for_one_signature():
     """Whatever dtype, memory order or number type a caller uses: each further signature costs seconds."""
     told = run(USE)

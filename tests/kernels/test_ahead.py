@@ -35,6 +35,7 @@ print(json.dumps(sorted(used)))
 
 @pytest.mark.parametrize("noise", [None, 0.01])
 @pytest.mark.parametrize("call", list(ahead.NEEDED))
+@pytest.mark.slow
 def test_what_a_call_needs(call, noise):
     """The default call uses nothing else; a list that names too much makes its first use slower."""
     more = {} if noise is None or call == "register_clouds" else {"noise": noise}

@@ -52,6 +52,7 @@ def empty(data):
 
 @pytest.mark.parametrize("damage", [truncate, flip, empty])
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.slow
 def test_damaged_kernels_are_compiled_again_once(warm, damage, suffix):
     folder, right = warm
     files = list(folder.rglob(f"*.{suffix}"))

@@ -6,6 +6,8 @@ import pkgutil
 import subprocess
 import sys
 
+import pytest
+
 import nonsac.kernels
 from nonsac.kernels import ahead, nearest_field
 from nonsac.kernels._jit import Kernel
@@ -58,6 +60,7 @@ print(nonsac.register_clouds(scans.source, scans.target, samples=4).T.tobytes().
 """
 
 
+@pytest.mark.slow
 def test_bits_do_not_depend_on_who_compiles_and_in_which_order(tmp_path):
     runs = []
     for folder, order in (("first", "forwards"), ("first", "forwards"), ("second", "backwards")):
