@@ -5,12 +5,14 @@ import os
 import pkgutil
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 import nonsac.kernels
 from nonsac.kernels import ahead, nearest_field
-from nonsac.kernels._jit import Kernel
+from nonsac.kernels._jit import Kernel, kernel
 
 
 def all_kernels():
@@ -33,8 +35,8 @@ def test_what_several_kernels_call_is_not_reordered():
         for name in caller.py_func.__code__.co_names:
             if kernels.get((module, name)) in reordered:
                 callers[kernels[module, name]].append(caller)
-    for kernel, found in callers.items():
-        assert len(found) <= (0 if kernel.py_func in from_python else 1), f"{kernel} is called by {found}"
+    for called, found in callers.items():
+        assert len(found) <= (0 if called.py_func in from_python else 1), f"{called} is called by {found}"
         assert reordered.issuperset(found)
 
 
@@ -43,6 +45,16 @@ def test_flags_are_not_those_of_the_caller():
     source = vars(nearest_field)
     for name in ("_cell", "_square"):
         assert source[name].flags["fastmath"] is False
+
+
+def test_threads_share_one_compiled_kernel(monkeypatch):
+    """And none of them sees it before it has its place on disk."""
+    made = kernel(lambda x: x + 3)
+    slow = made._dispatcher
+    monkeypatch.setattr(made, "_dispatcher", lambda: time.sleep(0.05) or slow())
+    with ThreadPoolExecutor(4) as pool:
+        entries = list(pool.map(lambda _: (id(made.entry), type(made.entry._cache)), range(4)))
+    assert len(set(entries)) == 1
 
 
 ANSWERS = """
