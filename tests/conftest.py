@@ -26,12 +26,25 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 import nonsac  # noqa: E402
+from nonsac.kernels.ahead import SIGNATURES, compile_side_by_side  # noqa: E402
 
 # The first example compiles a kernel, so no deadline; the same examples in every run.
 hypothesis.settings.register_profile("nonsac", deadline=None, derandomize=True, database=None)
 hypothesis.settings.load_profile("nonsac")
 
 _DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile once what the tests share, on all cores, before several processes would each begin with the same."""
+    if session.config.getoption("numprocesses", None) and not hasattr(session.config, "workerinput"):
+        compile_side_by_side(SIGNATURES)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "data" in getattr(item, "fixturenames", ()):  # real data
+            item.add_marker("slow")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -21,6 +21,7 @@ def test_every_example_is_tested():
 
 
 @pytest.mark.parametrize("name", SAID)
+@pytest.mark.slow
 def test_example(name):
     command = [sys.executable, "-W", "error", str(EXAMPLES / name)]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ, timeout=300)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
+
+from nonsac.values.version import VERSION
 
 if TYPE_CHECKING:
     from nonsac import evaluation, io, plot, simulate, testing
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     )
     from nonsac.sources.open import open_source
 
-__version__ = version("nonsac")
+__version__ = VERSION
 
 __all__ = [
     "About",
@@ -162,7 +163,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: numba and SciPy take a second, which `nonsac --help` need not wait for."""
+    """Import on first use: it takes a while, for which `nonsac --help` need not wait for."""
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     if name in _MODULES:

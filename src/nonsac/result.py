@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,6 @@ from numpy.typing import NDArray
 from nonsac.layouts import Array, Rows
 from nonsac.values.checks import real_array
 from nonsac.values.quiet import quiet
-
-VERSION = version("nonsac")
 
 _CHUNK = 8192
 

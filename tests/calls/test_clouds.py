@@ -237,6 +237,7 @@ class TestVerdict:
     """A wrong answer must never be called trusted."""
 
     @pytest.mark.parametrize("shape", ["sphere", "cylinder", "cube", "plane", "corridor"])
+    @pytest.mark.slow
     def test_symmetric_shapes_are_ambiguous(self, shape, rng):
         def sample(n):
             x = rng.uniform(-1, 1, (n, 3))
@@ -262,6 +263,7 @@ class TestVerdict:
         np.testing.assert_array_equal(result.alternatives[0].model, result.alternatives[0].T[:3])
 
     @pytest.mark.parametrize("seed", range(5))
+    @pytest.mark.slow
     def test_unrelated_clouds(self, seed):
         rng = np.random.default_rng(seed)
         scan = nonsac.simulate.demo_scans(rng, points=4000).source

@@ -135,6 +135,7 @@ def test_an_estimator_that_fails_in_every_sample_gives_a_result_that_says_so(wor
     assert "Stubborn: 1 and 2" in remark
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_costs_its_own_job_after_a_second_try(tmp_path):
     marker = tmp_path / "died"
     jobs = [
@@ -155,6 +156,7 @@ def test_a_worker_that_dies_costs_its_own_job_after_a_second_try(tmp_path):
 
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("kind", ["parquet", "h5", "laz"])
+@pytest.mark.slow
 def test_a_file_that_ends_the_process_costs_its_own_job(tmp_path, workers, kind):
     """Even if all runs in this process, which the test would end with."""
     path, rows = tmp_path / f"rows.{kind}", np.hstack([PAIRS.source, PAIRS.target])
@@ -344,6 +346,7 @@ def as_parquet(rows, names, **more):
 
 @pytest.mark.parametrize("weights", [None, np.where(PAIRS.inliers, 2.0, 1.0), np.full(300, 0.7)])
 @pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.slow
 def test_pairs_are_read_from_parquet(make_file, workers, weights):
     """And other tables; equal weights are none in files that are read whole, as in arrays."""
     rows, names = np.hstack([PAIRS.source, PAIRS.target]), ("x1", "y1", "z1", "x2", "y2", "z2")

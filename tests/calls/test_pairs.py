@@ -51,6 +51,7 @@ def test_recovers_planted_motions(outliers, seed):
 @pytest.mark.parametrize("noise", [NOISE, None])
 @pytest.mark.parametrize("estimator", ["default", "ransac", Pcr99(rank="sum")], ids=["default", "ransac", "sums"])
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1 / 60, 60.0, 1e3, 1e6])
+@pytest.mark.slow
 def test_units_that_differ_are_told_by_the_scale(rng, scale, estimator, noise, known):
     """Metres against millimetres, either way: as right, and as sure, as metres against metres."""
     pairs = simulate.registration(1500, 0.5, NOISE, rng=rng)

@@ -175,6 +175,7 @@ def test_the_round_trip_is_exact(camera, rng):
 
 
 @pytest.mark.parametrize("model", FOLDING)
+@pytest.mark.slow
 def test_the_round_trip_is_exact_under_strong_distortion(model, rng):
     folded = 0
     for _ in range(40):
@@ -187,6 +188,7 @@ def test_the_round_trip_is_exact_under_strong_distortion(model, rng):
 
 
 @pytest.mark.parametrize("model", PRISMS)
+@pytest.mark.slow
 def test_the_round_trip_is_exact_with_a_strong_prism(model, rng):
     # What is known to be one-to-one ends before the fold, but not long before.
     for _ in range(40):
@@ -242,6 +244,7 @@ def test_newton_does_not_run_in_circles():
 
 
 @pytest.mark.parametrize("model", [*FOLDING, *PRISMS])
+@pytest.mark.slow
 def test_no_pixel_gets_a_wrong_root(model, rng):
     for _ in range(40):
         camera = random_strong(model, rng)

@@ -292,6 +292,7 @@ def lines_in(path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="SIGKILL is of POSIX")
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_to_the_same_file(many, folder):
     whole = subprocess_nonsac(*command(many, "whole.jsonl", "--workers", "2"))
     assert whole.returncode == 1, whole.stderr

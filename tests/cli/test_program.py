@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,22 +13,17 @@ import pytest
 import nonsac
 from cli_samples import said, subprocess_nonsac
 from nonsac import cli, simulate
-from nonsac.calls import poses
 from nonsac.cli.session import compiling_noted, progress_bar
+from nonsac.kernels import ahead
 
 
 def test_warmup(run, monkeypatch):
     told = []
-    for name in ("relative_pose", "absolute_pose"):
-        call = getattr(poses, name)
-        record = partial(
-            lambda call, *points, **options: told.append(sorted(options)) or call(*points, **options), call
-        )
-        monkeypatch.setattr(poses, name, record)
+    monkeypatch.setattr(ahead, "compile_side_by_side", lambda names, progress: told.extend(names))
     code, out, err = run("warmup")
     assert (code, said(err)) == (0, [])
-    assert "compiled" in out
-    assert told == [[], ["noise"], ["noise", "refine", "weights"]] * 2
+    assert out == "all kernels are compiled\n"
+    assert told == list(ahead.SIGNATURES)
 
 
 def test_help_and_version(run):
@@ -87,6 +81,7 @@ def test_help_lists_the_options(run, command):
         (["relative-pos"], 2),
     ],
 )
+@pytest.mark.slow
 def test_help_and_mistyped_options_import_nothing_heavy(arguments, code):
     program = f"import sys; from nonsac.cli import main; code = main({arguments}); print(); print(code, *sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
@@ -185,6 +180,7 @@ REGISTER = "register-pairs pairs.npz --output T.txt --save-inliers i.npy"
 
 
 @pytest.mark.parametrize("command", ["--help", REGISTER, f"{REGISTER} --json"])
+@pytest.mark.slow
 def test_a_reader_that_leaves_changes_nothing(pairs, folder, command):
     """Neither the exit code nor the files."""
     script = f"set -o pipefail; {sys.executable} -m nonsac {command} | true"
@@ -229,6 +225,7 @@ sys.exit(cli.main("simulate registration -n 9 --outlier-ratio 0 --noise 0 --outp
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.slow
 def test_told_to_end_it_leaves_nothing_behind(folder, number):
     with subprocess.Popen([sys.executable, "-c", SLOW], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"at work\n"

@@ -155,6 +155,7 @@ def test_nothing_to_draw(scans, run):
     assert not os.path.exists("p.png")
 
 
+@pytest.mark.slow
 def test_demo(folder, run):
     code, out, _ = run("demo", "--picture", "elephant.png", "--save-scans", "scans", "--json", "--seed", 1)
     assert code == 0

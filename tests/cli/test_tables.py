@@ -316,6 +316,7 @@ def test_plans_that_cannot_be_made(folder, views, refused):
 
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdin"])
+@pytest.mark.slow
 def test_a_table_from_standard_input(folder, views, name):
     write_table("rows.csv", views.rows[:, [2, 3, 0, 1]], "x1 y1 x0 y0")
     done = subprocess_nonsac("relative-pose", name, *CAMERAS, "--json", input=Path("rows.csv").read_text())

@@ -9,6 +9,8 @@ import pytest
 from fuzz import cases, formats, mutations, pool, run
 from fuzz.planted import PLANTED
 
+pytestmark = pytest.mark.slow
+
 _KINDS = {
     "undocumented": "error",
     "panic": "error",

@@ -16,11 +16,13 @@ def _installed(kinds):
     return [kind for kind in kinds if not cases.KINDS[kind].missing]
 
 
+@pytest.mark.slow
 def test_files(inputs, request, tmp_path_factory):
     counts = run.shared_out(inputs, _installed(formats.FORMATS))
     _check(pool.fuzz(counts, request.config.getoption("--seed")), request, tmp_path_factory)
 
 
+@pytest.mark.slow
 def test_arguments(inputs, request, tmp_path_factory):
     counts = run.shared_out(inputs, _installed(run.CALLS))
     _check(pool.fuzz(counts, request.config.getoption("--seed")), request, tmp_path_factory)

@@ -81,7 +81,7 @@ def jacobian(kind, model, rows, f):
 
 def equations(kind, model, rows, weights, threshold, f):
     hessian, gradient = np.full((kind.size, kind.size), np.nan), np.full(kind.size, np.nan)
-    columns, work = columns_of(kind, rows, f), np.empty((6, 3, 3))
+    columns, work = columns_of(kind, rows, f), np.empty((6, 3, 3) if kind.size == 5 else (2, 6))
     cost = normal_equations(columns, weights, threshold, np.array(f), model, work, hessian, gradient)
     return cost, hessian, gradient
 

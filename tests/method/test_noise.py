@@ -165,6 +165,7 @@ def test_without_a_noise_the_answer_is_about_that_with_the_right_one(rng, name):
 
 @pytest.mark.parametrize("factor", [0.1, 10.0])
 @pytest.mark.parametrize("name", CALLS)
+@pytest.mark.slow
 def test_a_wrong_noise_is_reported(rng, name, factor):
     rows, truth = PROBLEMS[name][2](20_000, 0.5, 0.002, rng)
     halves = np.split(rows, [PROBLEMS[name][0].layout.split], axis=1)
@@ -185,6 +186,7 @@ def test_a_right_noise_is_not_remarked_on(rng, name):
 
 
 @pytest.mark.parametrize("name", CALLS)
+@pytest.mark.slow
 def test_a_noise_that_nobody_gave_is_not_remarked_on(rng, name, monkeypatch):
     """Not even if the first guess is far off and there is no second run."""
     rows, _ = PROBLEMS[name][2](20_000, 0.5, 0.002, rng)

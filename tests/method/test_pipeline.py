@@ -955,6 +955,7 @@ def test_a_users_own_problem_needs_no_estimator(rng, refine, noise):
     assert not result.is_motion
 
 
+@pytest.mark.slow
 def test_a_users_own_problem_without_a_line_is_not_claimed(rng):
     points = rng.uniform(-12, 12, (20_000, 2))
     assert not estimate(ArraySource(points), naive.Line(), TinyRansac(), noise=0.02, samples=6, sample_size=300).success

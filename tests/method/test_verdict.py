@@ -172,6 +172,7 @@ def around(rng, n):
 
 @pytest.mark.parametrize("noise", [0.01, 0.05, None])
 @pytest.mark.parametrize("kind", NO_PLANE)
+@pytest.mark.slow
 def test_no_plane_is_claimed_in_points_of_any_density(kind, noise, rng):
     points = NO_PLANE[kind](rng, 4000)
     given = None if noise is None else noise * np.median(points.std(axis=0))

@@ -82,6 +82,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize(("inliers", "outliers"), [(20, 0.0), (20, 0.5), (50, 0.9), (200, 0.0), (200, 0.5), (200, 0.9)])
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says(rng, case, inliers, outliers):
     problem, make, noise = CASES[case]
     assert 0.8 < mean_nees(rng, problem, make, inliers, outliers, noise) < 1.25

@@ -29,6 +29,7 @@ def report_of(problems, counts):
 
 
 @pytest.mark.parametrize(("problems", "counts"), [(list(EXPERIMENTS), ["10", "20", "30"]), (["absolute-pose"], ["7"])])
+@pytest.mark.slow
 def test_every_picture_is_written_whole_and_is_the_same_again(tmp_path, problems, counts):
     report = report_of(problems, counts)
     drawers = (pictures.table2, pictures.heat_maps, pictures.accuracy_curves, pictures.error_boxes)

@@ -73,6 +73,7 @@ def test_averages_follow_from_the_cells(report):
         assert all(errors[rule] == sorted(errors[rule]) and len(errors[rule]) == 5 for rule in RULES)
 
 
+@pytest.mark.slow
 def test_processes_change_the_seconds_only(files, report, tmp_path):
     outputs = ["--json", str(tmp_path / "report.json")]
     assert cli.main(["reproduce", "table2", *SHORT, "--workers", "2", *outputs]) == 0
@@ -86,6 +87,7 @@ def without_seconds(path):
     return json.dumps(report)
 
 
+@pytest.mark.slow
 def test_killed_and_resumed(files, tmp_path):
     path, journal = tmp_path / "report.json", tmp_path / "report.json.partial"
     command = [sys.executable, "-m", "nonsac", "reproduce", "table2", *SHORT, "--workers", "2", "--json", str(path)]

@@ -53,6 +53,7 @@ def test_the_peak_grows():
 
 
 @pytest.mark.parametrize("limit", [20e6, 40e6])
+@pytest.mark.slow
 def test_a_limit_is_kept_and_bounds_the_samples(rng, limit):
     """Pure outliers, for which all samples are drawn that there may be."""
     rows = rng.uniform(-1, 1, (300_000, 6))

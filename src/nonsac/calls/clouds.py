@@ -14,17 +14,19 @@ from nonsac.clouds.problem import OrientedRegistration
 from nonsac.clouds.refine import SurfaceRefiner, coarse_overlap
 from nonsac.clouds.search import Agreement, OrientedPairs
 from nonsac.clouds.surfaces import Surface
+from nonsac.kernels.ahead import compile_for
 from nonsac.layouts import Array
 from nonsac.method.pipeline import run
 from nonsac.method.scoring import TruncatedLp
 from nonsac.method.settings import Progress, Settings
 from nonsac.problems.noise import Noise
-from nonsac.result import VERSION, Evidence, Result, Status, failed
+from nonsac.result import Evidence, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.executors import Workers
 from nonsac.seeds import canonical_seed
 from nonsac.sources import AllPairsSource
 from nonsac.values.quiet import quiet
+from nonsac.values.version import VERSION
 
 
 def register_clouds(
@@ -84,6 +86,7 @@ def register_clouds(
     }
     if min(len(a), len(b)) < 3:
         return failed(Status.TOO_FEW, Evidence(problem), info)
+    compile_for("register_clouds")
     return _registered(a, b, problem, settings, info)
 
 

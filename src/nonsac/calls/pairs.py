@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from nonsac.calls.arguments import warn_dropped_rows
 from nonsac.calls.rows import rows_of_arrays, rows_of_source
 from nonsac.estimators.named import chosen_estimator
+from nonsac.kernels.ahead import compile_for
 from nonsac.layouts import PAIRS
 from nonsac.method.pipeline import run
 from nonsac.method.settings import KeywordsAndEstimator, Settings, shows_settings
@@ -65,6 +66,7 @@ def register_pairs(
         arrays = {"source": source, "target": target}
         hint = ". For unmatched clouds use register_clouds."
         rows = rows_of_arrays("register_pairs", arrays, PAIRS.widths, weights, hint)
+    compile_for("register_pairs", chosen.noise)
     result = run(rows.through([None, None]), problem, estimator, chosen)
     warn_dropped_rows(result, "with NaN or infinite coordinates", stacklevel=2)
     return result

@@ -14,6 +14,7 @@ from nonsac.calls.image_area import remarks_on_image_area
 from nonsac.calls.rows import rows_of_arrays, rows_of_source
 from nonsac.cameras.camera import Camera, CameraLike
 from nonsac.estimators.named import chosen_estimator
+from nonsac.kernels.ahead import compile_for
 from nonsac.layouts import MATCHES, POINTS, Array
 from nonsac.method.pipeline import run
 from nonsac.method.settings import KeywordsAndEstimator, Settings, shows_settings
@@ -88,6 +89,7 @@ def relative_pose(
     wrong_unit = [_warn_wrong_unit(a, "points1", first, "camera1"), _warn_wrong_unit(b, "points2", second, "camera2")]
     remarks = (*remarks_on_image_area(a, "points1", first), *remarks_on_image_area(b, "points2", second))
     source = rows.through([_normaliser(first), _normaliser(second)])
+    compile_for("relative_pose", chosen.noise)
     return _judged(run(source, problem, estimator, chosen), any(wrong_unit), remarks)
 
 
@@ -145,6 +147,7 @@ def absolute_pose(
     wrong_unit = _warn_wrong_unit(rows.parts[0], "points2d", parsed, "camera")
     remarks = remarks_on_image_area(rows.parts[0], "points2d", parsed)
     source = rows.through([_normaliser(parsed), None])
+    compile_for("absolute_pose", chosen.noise)
     return _judged(run(source, problem, estimator, chosen), wrong_unit, remarks)
 
 

@@ -154,8 +154,8 @@ def _bad(option: str, message: str) -> typer.BadParameter:
 
 
 def _open(path: Path, pairs: Manifest, time_limit: float | None, resume: bool) -> Journal:
-    from nonsac.result import VERSION
     from nonsac.running.journal import Journal
+    from nonsac.values.version import VERSION
 
     settings = {"manifest": pairs.digest[:16], "--call": pairs.call, "--time-limit": time_limit, "version": VERSION}
 

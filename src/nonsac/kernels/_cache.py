@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.runtime.nrt import rtsys
 
 _logger = logging.getLogger("nonsac")
 _told: set[str] = set()
@@ -49,9 +50,18 @@ class _Cache(FunctionCache):
         name, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFile(self.cache_path, f"{name}-checked", stamp)  # numba's own files have no checksum
 
+    def holds_something(self) -> bool:
+        """Whether there is a kernel on disk that is not older than its source."""
+        try:
+            return bool(self._cache_file._load_index())
+        except Exception:  # it is damaged
+            return False
+
     def load_overload(self, signature: Any, target: Any) -> Any:
         try:
-            return super().load_overload(signature, target)
+            rtsys.initialize(target)  # what code on disk needs; numba's own cache makes the compiler ready, too
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(signature, target)
         except Exception:  # what damaged bytes raise when they are unpickled is anything
             _tell(f"compiled kernels in {self.cache_path} are damaged; they are compiled again (once)")
             return None
@@ -103,7 +113,7 @@ def _tell_not_kept(error: Exception) -> None:
     if isinstance(error, (RuntimeError, FileNotFoundError, PermissionError)) or reason is None:
         reason = "there is no folder for them that can be written"
     _tell(
-        f"compiled kernels cannot be kept ({reason}), so that each run compiles them for about a minute; "
+        f"compiled kernels cannot be kept ({reason}), so that each run compiles them for ten seconds or more; "
         "set NUMBA_CACHE_DIR to a folder that can be written"
     )
 

@@ -16,13 +16,13 @@ def homography_errors(homographies, columns, focal1, focal2, errors):
     change of area. NaN if x1 is not seen in front of the second camera.
     """
     x, y, u, v = columns[0], columns[1], columns[2], columns[3]
-    ratio = (focal2 / focal1) ** 2
+    ratio = focal2 / focal1
     for m in range(homographies.shape[0]):
         h, row = homographies[m], errors[m]
         h00, h01, h02, h10, h11, h12 = h[0, 0], h[0, 1], h[0, 2], h[1, 0], h[1, 1], h[1, 2]
         h20, h21, h22 = h[2, 0], h[2, 1], h[2, 2]
         size = h00 * (h11 * h22 - h12 * h21) - h01 * (h10 * h22 - h12 * h20) + h02 * (h10 * h21 - h11 * h20)
-        area = ratio * abs(size)
+        area = ratio * ratio * abs(size)
         for i in range(x.shape[0]):
             depth = h20 * x[i] + h21 * y[i] + h22
             inverse = 1.0 / depth

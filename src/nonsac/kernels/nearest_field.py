@@ -121,7 +121,7 @@ def nearest_distances(model, points, field_points, corner, cells_per_unit, reach
         distances[i] = min(reach, np.sqrt((x - q[0]) ** 2 + (y - q[1]) ** 2 + (z - q[2]) ** 2))
 
 
-@kernel
+@reordered_kernel
 def _solve_spd(matrix, vector):
     """Solve a symmetric positive definite 6x6 system in place by Cholesky; False if it is not definite."""
     n = vector.shape[0]
@@ -146,10 +146,10 @@ def _solve_spd(matrix, vector):
     return True
 
 
-@kernel
+@reordered_kernel
 def _compose(step, centre, model):
     """Apply a small rotation vector step[:3] about `centre` and a translation step[3:] after `model`, in place."""
-    angle = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+    angle = np.sqrt(_square(step[0]) + _square(step[1]) + _square(step[2]))
     rotation = np.eye(3)
     if angle > 1e-12:
         x, y, z = step[0] / angle, step[1] / angle, step[2] / angle
@@ -165,6 +165,12 @@ def _compose(step, centre, model):
         for r in range(3):
             value = rotation[r, 0] * column[0] + rotation[r, 1] * column[1] + rotation[r, 2] * column[2]
             model[r, c4] = value + (centre[r] + step[3 + r] if c4 == 3 else 0.0)
+
+
+@kernel
+def _square(x):
+    """Not x ** 2: numba keeps one copy of that, with the flags of whichever kernel it compiled first."""
+    return x * x
 
 
 @reordered_kernel
@@ -201,7 +207,7 @@ def align_to_field(models, points, field_points, field_normals, corner, cells_pe
                 ratio = (dx * dx + dy * dy + dz * dz) / (cut_off * cut_off)
                 if ratio >= 1.0:
                     continue
-                weight = (1.0 - ratio) ** 2
+                weight = _square(1.0 - ratio)
                 residual = normal[0] * dx + normal[1] * dy + normal[2] * dz
                 jacobian[0] = y * normal[2] - z * normal[1]
                 jacobian[1] = z * normal[0] - x * normal[2]

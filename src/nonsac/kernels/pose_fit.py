@@ -6,6 +6,8 @@ of t. So there are five parameters (relative) or six (absolute), and no constrai
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from nonsac.kernels._jit import kernel
@@ -16,8 +18,7 @@ from nonsac.kernels.reprojection import reprojection_row, reprojection_slopes
 from nonsac.kernels.sampson import essential_directions, sampson_row
 
 
-@kernel
-def fit_pose(columns, weights, threshold, iterations, focals, model):
+def fit_pose(columns: Any, weights: Any, threshold: float, iterations: int, focals: Any, model: Any) -> bool:
     """Move a pose [R | t] to the least weighted sum of squared residuals, or to the least robust cost.
 
     With a finite threshold the loss is Tukey's biweight, which is constant beyond the threshold; its weights are
@@ -42,12 +43,31 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
     bool
         False if the weighted rows do not determine a pose; `model` is then where the search got stuck.
     """
-    size = 5 if columns.shape[0] == 4 else 6
-    system, hessian, gradient = np.empty((size, size + 1)), np.empty((size, size)), np.empty(size)
-    directions, step = np.empty((6, 3, 3)), np.empty(size)
-    trial = model.copy()
+    fit = fit_relative_pose if columns.shape[0] == 4 else fit_absolute_pose
+    return bool(fit(columns, weights, threshold, iterations, focals, model))
+
+
+@kernel
+def fit_relative_pose(columns, weights, threshold, iterations, focals, model):
+    return descend(columns, weights, threshold, iterations, focals, np.empty((6, 3, 3)), np.empty((5, 6)), model)
+
+
+@kernel
+def fit_absolute_pose(columns, weights, threshold, iterations, focals, model):
+    return descend(columns, weights, threshold, iterations, focals, np.empty((2, 6)), np.empty((6, 7)), model)
+
+
+@kernel
+def descend(columns, weights, threshold, iterations, focals, slopes, system, model):
+    """What `fit_pose` does, for the kind of pose that the shape of `slopes` and `system`, which are overwritten, tells.
+
+    `slopes` are E and its derivatives (6, 3, 3), or those of an image point (2, 6): numba knows the number of axes when
+    it compiles, and leaves out what the other kind needs.
+    """
+    size = system.shape[0]
+    hessian, gradient, step, trial = np.empty((size, size)), np.empty(size), np.empty(size), np.empty((3, 4))
     orthonormalise(model)
-    cost = normal_equations(columns, weights, threshold, focals, model, directions, hessian, gradient)
+    cost = normal_equations(columns, weights, threshold, focals, model, slopes, hessian, gradient)
     if not well_posed(hessian):
         return False
     damping = 1e-6
@@ -64,9 +84,9 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
             step[i] = system[i, size]
             length += step[i] * step[i]
         move(model, step, trial)
-        trial_cost = normal_equations(columns, weights, threshold, focals, trial, directions, hessian, gradient)
+        trial_cost = normal_equations(columns, weights, threshold, focals, trial, slopes, hessian, gradient)
         if trial_cost <= cost:
-            model[:] = trial
+            copy_pose(trial, model)
             gain = cost - trial_cost
             cost = trial_cost
             damping = max(1e-9, 0.1 * damping)
@@ -78,7 +98,7 @@ def fit_pose(columns, weights, threshold, iterations, focals, model):
             damping = 1e-4 if damping < 1e-4 else 10.0 * damping
             if damping > 1e8:
                 break
-            normal_equations(columns, weights, threshold, focals, model, directions, hessian, gradient)
+            normal_equations(columns, weights, threshold, focals, model, slopes, hessian, gradient)
     return well_posed(hessian)
 
 
@@ -110,7 +130,7 @@ def well_posed(hessian):
 @kernel
 def move(model, step, moved):
     """The pose after a step (5,) or (6,) on the manifold."""
-    moved[:] = model
+    copy_pose(model, moved)
     rotate(moved, step[0], step[1], step[2])
     t0, t1, t2 = model[0, 3], model[1, 3], model[2, 3]
     if step.shape[0] == 6:
@@ -128,13 +148,21 @@ def move(model, step, moved):
 
 
 @kernel
-def normal_equations(columns, weights, threshold, focals, model, directions, hessian, gradient):
+def copy_pose(model, copy):
+    """What `copy[:] = model` does; numba takes seconds to compile that, for the message if shapes do not match."""
+    for i in range(3):
+        for j in range(4):
+            copy[i, j] = model[i, j]
+
+
+@kernel
+def normal_equations(columns, weights, threshold, focals, model, slopes, hessian, gradient):
     """Gauss-Newton's matrix J^T W J and gradient J^T W r at a pose; returns the cost."""
-    if columns.shape[0] == 4:
-        essential_directions(model, focals, directions)
-        cost = sampson_equations(columns, weights, threshold, directions, hessian, gradient)
+    if slopes.ndim == 3:
+        essential_directions(model, focals, slopes)
+        cost = sampson_equations(columns, weights, threshold, slopes, hessian, gradient)
     else:
-        cost = reprojection_equations(columns, weights, threshold, focals[0], model, hessian, gradient)
+        cost = reprojection_equations(columns, weights, threshold, focals[0], model, slopes, hessian, gradient)
     for i in range(hessian.shape[0]):
         for j in range(i):
             hessian[i, j] = hessian[j, i]
@@ -187,12 +215,11 @@ def sampson_equations(columns, weights, threshold, directions, hessian, gradient
 
 
 @kernel
-def reprojection_equations(columns, weights, threshold, focal, model, hessian, gradient):
+def reprojection_equations(columns, weights, threshold, focal, model, jacobian, hessian, gradient):
     u, v, x, y, z = columns[0], columns[1], columns[2], columns[3], columns[4]
     scale = 1.0 / (threshold * threshold)
     hessian[:] = 0.0
     gradient[:] = 0.0
-    jacobian = np.empty((2, 6))
     cost = 0.0
     for i in range(u.shape[0]):
         w = weights[i]

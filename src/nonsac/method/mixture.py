@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gamma
 
 from nonsac.layouts import Array, Rows
 from nonsac.method.residuals import Residuals, chance_rate
 from nonsac.problems.contract import Problem, refitted
 from nonsac.problems.noise import Noise
 from nonsac.problems.normal_equations import LikelyInliers
+from nonsac.values import special
 
 _ITERATIONS = 30
 
@@ -48,7 +48,7 @@ class Mixture:
         """From residuals to how likely rows are to be inliers."""
         d, window = self.dimension, Noise.given(1.0).threshold
         of_inliers = self.inliers / (2.0 * np.pi) ** (d / 2)
-        of_others = self.others / (np.pi ** (d / 2) / gamma(d / 2 + 1) * window**d)
+        of_others = self.others / (np.pi ** (d / 2) / special.gamma(d / 2 + 1) * window**d)
         return LikelyInliers(self.noise, float(of_others / of_inliers), d)
 
 

@@ -20,13 +20,14 @@ from nonsac.method.unknown_noise import run_at_any_noise
 from nonsac.method.wrong_noise import remarks_on_noise
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
-from nonsac.result import VERSION, Evidence, Hypothesis, Remark, Result, Status, failed
+from nonsac.result import Evidence, Hypothesis, Remark, Result, Status, failed
 from nonsac.running.clock import Stopwatch
 from nonsac.running.memory import peak_memory
 from nonsac.seeds import canonical_seed
 from nonsac.sources.contract import Source
 from nonsac.sources.some_blocks import whole
 from nonsac.values.quiet import quiet
+from nonsac.values.version import VERSION
 
 _CLEAR = 0.99
 _ENOUGH_FOR_SPECIAL_CASES = 8

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
 
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, background, residuals_of
 from nonsac.problems.ladder import LADDER, Telling
 from nonsac.problems.noise import Noise
+from nonsac.values import special
 
 _WINDOWS, _AROUND, _ROWS = 12, 2.5, 4000
 _LEAST_FREE = 0.3
@@ -66,7 +66,7 @@ def measured_noise(residuals: Residuals, threshold: float, dimension: int, most:
     ordered, shuffled = np.sort(residuals.of_rows), np.sort(residuals.background)
     expected = len(ordered) / len(shuffled) * np.searchsorted(shuffled, ordered, side="right")
     beyond_chance = np.arange(1, len(ordered) + 1) - expected
-    median = np.sqrt(chdtri(dimension, 0.5))
+    median = np.sqrt(special.chdtri(dimension, 0.5))
     window, noise = threshold, float("nan")
     for _ in range(_WINDOWS):
         within = int(np.searchsorted(ordered, window))

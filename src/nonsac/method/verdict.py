@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc, chdtr, ndtr
 
 from nonsac.layouts import Array, Rows, distinct
 from nonsac.method.doubts import certainty, disagreement, slippage
@@ -19,6 +18,7 @@ from nonsac.problems.facts import Facts, Places
 from nonsac.problems.ladder import BEYOND, LADDER, Telling
 from nonsac.problems.noise import Noise
 from nonsac.result import Alternative, Remark, Status
+from nonsac.values import special
 
 _LARGEST_CHANCE = 1e-6
 _CLEAR_LEAD = 4.0
@@ -253,10 +253,10 @@ def _certainty_of_spread(residuals: Residuals, threshold: float, dimension: int)
     shares = np.array([chance_rate(residuals.background, x) for x in (0.4 * threshold, threshold)])
     hits = np.array([np.count_nonzero(residuals.of_rows < x) for x in (0.4 * threshold, threshold)])
     near, all_inliers = hits - rows * shares
-    bound = float(chdtr(dimension, 4.0)) ** 4
+    bound = float(special.chdtr(dimension, 4.0)) ** 4
     weights = np.array([(1.0 - bound) ** 2 - bound**2, bound**2])  # of those within, and of all
     variance = weights @ hits + rows**2 / pairs * (weights @ shares)
-    return float(ndtr((near - bound * all_inliers) / np.sqrt(variance)))
+    return float(special.ndtr((near - bound * all_inliers) / np.sqrt(variance)))
 
 
 def _certainty_of_search(support: float, searched: int, minimal_size: int) -> float:
@@ -286,7 +286,7 @@ def _chance(candidate: Candidate, facts: Facts, rate: float) -> float:
     if beyond <= 0:
         return 1.0
     rows = facts.rows - problem.minimal_size
-    return float(betainc(beyond, max(rows - beyond, 0) + 1, rate))  # P(X >= beyond), binomial law
+    return float(special.betainc(beyond, max(rows - beyond, 0) + 1, rate))  # P(X >= beyond), binomial law
 
 
 def _local_chance(candidate: Candidate, among: NDArray[np.bool_], near: NDArray[np.bool_], displaced: Array) -> float:
@@ -298,7 +298,7 @@ def _local_chance(candidate: Candidate, among: NDArray[np.bool_], near: NDArray[
         return 1.0
     rate = chance_rate(problem.residuals(candidate.model[None], displaced)[0], noise.threshold)
     rows = int(facts.share * np.count_nonzero(near)) - problem.minimal_size
-    return float(betainc(beyond, max(rows - beyond, 0) + 1, rate))
+    return float(special.betainc(beyond, max(rows - beyond, 0) + 1, rate))
 
 
 def _distinct_count(problem: Problem, rows: Array) -> int:

@@ -9,7 +9,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc
 
 from nonsac.kernels.ladder import best_on_ladder, likelihood_ratios
 from nonsac.kernels.minimal_samples import distinct_rows
@@ -17,6 +16,7 @@ from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, background, residuals_of, solved
 from nonsac.problems.facts import Facts, Places
 from nonsac.problems.noise import Noise
+from nonsac.values import special
 
 _RUNGS, BEYOND = 21, 4
 # Shares of the residuals of wrong rows, from a 4,096th to a quarter, and on to all of them.
@@ -100,7 +100,7 @@ class Level(NamedTuple):
         """Probability of as many facts or more (a binomial tail)."""
         if self.facts <= 0:
             return 1.0
-        return float(betainc(self.facts, max(self.rows - self.facts, 0) + 1, self.rate))
+        return float(special.betainc(self.facts, max(self.rows - self.facts, 0) + 1, self.rate))
 
 
 @dataclass(frozen=True, eq=False)

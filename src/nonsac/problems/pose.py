@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri
 
 from nonsac.layouts import Array
+from nonsac.values import special
 from nonsac.values.numeric import as_real, shown
 
 RESOLVED = 6.0  # standard deviations within which two places are one
@@ -65,7 +65,7 @@ def likely_length(covariance: Array) -> float:
     if not total > 0.0:
         return 0.0
     unit = float((variances / total) @ variances)
-    return float(np.sqrt(unit * chdtri(total / unit, 0.05)))
+    return float(np.sqrt(unit * special.chdtri(total / unit, 0.05)))
 
 
 def spread_out(points: Array) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from nonsac.evaluation import mean_average_accuracy
 from nonsac.reproduce.cells import RULES, Trial
-from nonsac.result import VERSION
+from nonsac.values.version import VERSION
 
 __all__ = [
     "PERCENTILES",
