@@ -83,18 +83,19 @@ def batch(
     _check_output(manifest, output)
     _check_progress(output, journal, resume, overwrite)
     with session(quiet, "pairs") as progress:
-        from nonsac.calls import jobs as many
+        from nonsac.calls.jobs import may_end
         from nonsac.cli.manifest import Manifest
+        from nonsac.running.many import pool_of, run_many
 
         pairs = Manifest.read(manifest, call)
         _check_inputs(output, pairs)
         if time_limit is not None and "register-clouds" in pairs.calls:
             to_stderr("register-clouds takes no time limit: its pairs run to their end")
-        with _open(journal, pairs, time_limit, resume) as kept:
+        with _open(journal, pairs, time_limit, resume) as kept, pool_of(workers) as pool:
             try:
                 missing = [number for number in range(pairs.count) if number not in kept]
                 jobs = (job for number, job in enumerate(pairs.jobs()) if number not in kept)
-                outcomes = many.run_many(_Summarise(time_limit), jobs, workers)
+                outcomes = run_many(_Summarise(time_limit), jobs, pool, apart=may_end, together=True)
                 for number, (job, line) in zip(missing, outcomes, strict=True):
                     kept.add(number, line if isinstance(line, dict) else _failure(job, line))
                     progress(kept.count, pairs.count)

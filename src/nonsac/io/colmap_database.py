@@ -13,14 +13,12 @@ from nonsac.cameras.unreadable import camera_or_error, check_readable
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.io.colmap_sqlite import damaged, open_database, unpack
 from nonsac.io.correspondences import Matches, Points
+from nonsac.io.two_view_geometry import MAX_IMAGES, TwoViewGeometry, pair_id, write_row
 from nonsac.values.arraylike import as_array
 from nonsac.values.checks import real_array
 from nonsac.values.numeric import as_whole, shown
 from nonsac.values.quiet import quiet
 
-# A constant of COLMAP: there can be no more images than this.
-_MAX_IMAGES = 2147483647
-_CALIBRATED = 2
 _Image = str | int
 
 
@@ -57,7 +55,7 @@ def pair_of_database(path: FilePath, image1: _Image, image2: _Image) -> Matches:
     with open_database(path) as database:
         numbers = _find_pair(path, database, image1, image2)
         camera1, camera2 = _find_cameras(path, database, numbers)
-        keypoints1, keypoints2 = (_read_keypoints(path, database, number) for number in numbers)
+        keypoints1, keypoints2 = (keypoints_of(path, database, number) for number in numbers)
         indices = _read_matches(path, database, numbers, f"{image1!r} and {image2!r}")
     if (indices.max(axis=0, initial=-1) >= (len(keypoints1), len(keypoints2))).any():
         raise damaged(path, "a match names a keypoint that is not there")
@@ -96,7 +94,7 @@ def write_two_view_geometry(
         database of COLMAP, is locked or damaged, or does not hold the images.
     """
     for name, image in (("image1", image1), ("image2", image2)):
-        if not isinstance(image, str) and not 0 <= (as_whole(image) or 0) <= _MAX_IMAGES:
+        if not isinstance(image, str) and not 0 <= (as_whole(image) or 0) <= MAX_IMAGES:
             raise ValueError(f"{name} is {shown(image)}; expected the name or the number of an image")
         if not isinstance(image, str) and as_whole(image) is None:
             raise TypeError(f"{name} is {shown(image)}; expected the name or the number of an image")
@@ -105,15 +103,16 @@ def write_two_view_geometry(
     with open_database(path, write=True) as database:
         numbers = _find_pair(path, database, image1, image2)
         for number, column in zip(numbers, inliers.T, strict=True):
-            count = len(_read_keypoints(path, database, number))
+            count = len(keypoints_of(path, database, number))
             if len(column) and column.max() >= count:
                 problem = f"a match names keypoint {column.max()} of image {number}, which has {count}"
                 raise input_error(path, problem, "number the keypoints as the database does, from 0")
         if numbers[0] > numbers[1]:
             numbers, inliers = numbers[::-1], inliers[:, ::-1]
             rotation, translation = rotation.T, -rotation.T @ translation
-        matrices = [_pinhole_matrix(path, database, number) for number in numbers]
-        _write_row(database, _pair_id(numbers), inliers, _geometry(rotation, translation, matrices))
+        matrices = [matrix_of(path, database, number) for number in numbers]
+        geometry = TwoViewGeometry.of_pose(rotation, translation, matrices)
+        write_row(database, pair_id(numbers), inliers, geometry.columns())
 
 
 def _find_pair(path: FilePath, database: sqlite3.Connection, image1: _Image, image2: _Image) -> list[int]:
@@ -143,12 +142,12 @@ def _find_cameras(path: FilePath, database: sqlite3.Connection, numbers: Sequenc
             raise damaged(path, f"its index does not find image {number}")
         (shared,) = row
         if shared not in cameras:
-            cameras[shared] = camera_or_error(partial(_describe_camera, path, database, number))
+            cameras[shared] = camera_or_error(partial(described_camera, path, database, number))
         found.append(cameras[shared])
     return found
 
 
-def _describe_camera(path: FilePath, database: sqlite3.Connection, image: int) -> dict[str, Any]:
+def described_camera(path: FilePath, database: sqlite3.Connection, image: int) -> dict[str, Any]:
     return camera_dict(path, *_read_camera(path, database, image))
 
 
@@ -166,7 +165,7 @@ def _read_camera(path: FilePath, database: sqlite3.Connection, image: int) -> tu
     return model_name(path, model), width, height, np.frombuffer(params, "<f8").tolist()
 
 
-def _read_keypoints(path: FilePath, database: sqlite3.Connection, image: int) -> Points:
+def keypoints_of(path: FilePath, database: sqlite3.Connection, image: int) -> Points:
     row = database.execute("SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image,)).fetchone()
     if row is None:
         raise input_error(path, f"holds no keypoints of image {image}", "extract its features first")
@@ -175,16 +174,12 @@ def _read_keypoints(path: FilePath, database: sqlite3.Connection, image: int) ->
 
 
 def _read_matches(path: FilePath, database: sqlite3.Connection, numbers: list[int], names: str) -> NDArray[np.int64]:
-    row = database.execute("SELECT rows, cols, data FROM matches WHERE pair_id = ?", (_pair_id(numbers),)).fetchone()
+    row = database.execute("SELECT rows, cols, data FROM matches WHERE pair_id = ?", (pair_id(numbers),)).fetchone()
     if row is None:
         raise input_error(path, f"holds no matches of {names}", "match these images first")
     indices = unpack(path, row, "<u4", f"the matches of {names}")[:, :2]
     # The image of the smaller number comes first.
     return np.array(indices if numbers[0] < numbers[1] else indices[:, ::-1], dtype=np.int64)
-
-
-def _pair_id(numbers: Sequence[int]) -> int:
-    return min(numbers) * _MAX_IMAGES + max(numbers)
 
 
 @quiet
@@ -222,7 +217,7 @@ def _check_inliers(path: FilePath, matches: ArrayLike) -> NDArray[np.int64]:
     return inliers.astype(np.int64)
 
 
-def _pinhole_matrix(path: FilePath, database: sqlite3.Connection, image: int) -> Points | None:
+def matrix_of(path: FilePath, database: sqlite3.Connection, image: int) -> Points | None:
     """Return the matrix of the camera of an image without its distortion, or None for a fisheye."""
     model, _, _, params = _read_camera(path, database, image)
     matrix = pinhole_matrix(model, params)
@@ -230,33 +225,3 @@ def _pinhole_matrix(path: FilePath, database: sqlite3.Connection, image: int) ->
         problem = f"the camera of image {image} has the focal lengths {matrix[0, 0]:g} and {matrix[1, 1]:g}"
         raise input_error(path, problem, "write the right ones, in pixels, into the database first")
     return matrix
-
-
-@quiet
-def _geometry(rotation: Points, translation: Points, matrices: Sequence[Points | None]) -> dict[str, Any]:
-    """Return what COLMAP stores of a calibrated pair of views, by the names of its columns."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z = translation / np.linalg.norm(translation)
-    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
-    first, second = matrices
-    fundamental = None
-    if first is not None and second is not None:
-        fundamental = np.linalg.inv(second).T @ essential @ np.linalg.inv(first)
-    quaternion = np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
-    arrays = {"F": fundamental, "E": essential, "qvec": quaternion, "tvec": translation}
-    blobs = {name: None if array is None else array.astype("<f8").tobytes() for name, array in arrays.items()}
-    return {"config": _CALIBRATED, **blobs, "H": None}
-
-
-def _write_row(
-    database: sqlite3.Connection, pair_id: int, inliers: NDArray[np.int64], geometry: dict[str, Any]
-) -> None:
-    data = np.ascontiguousarray(inliers, dtype="<u4").tobytes()
-    row = {"pair_id": pair_id, "rows": len(inliers), "cols": 2, "data": data, **geometry}
-    # Older databases lack qvec and tvec, and some more.
-    there = {name for _, name, *_ in database.execute("PRAGMA table_info(two_view_geometries)")}
-    row = {name: value for name, value in row.items() if name in there or name not in geometry}
-    marks = ", ".join("?" * len(row))
-    statement = f"INSERT OR REPLACE INTO two_view_geometries ({', '.join(row)}) VALUES ({marks})"
-    database.execute(statement, tuple(row.values()))
