@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from nonsac.calls.jobs import Job, WorkerDied, estimate_many
     from nonsac.calls.pairs import register_pairs
     from nonsac.calls.poses import absolute_pose, relative_pose
+    from nonsac.calls.verify import Verification, verify
     from nonsac.cameras.camera import Camera
     from nonsac.estimators import Estimator, External, Pcr99, Ransac
     from nonsac.files.errors import InputError
@@ -91,6 +92,7 @@ __all__ = [
     "Status",
     "StreamSource",
     "Streaming",
+    "Verification",
     "WorkerDied",
     "ZarrSource",
     "absolute_pose",
@@ -107,6 +109,7 @@ __all__ = [
     "scoring",
     "simulate",
     "testing",
+    "verify",
 ]
 
 _HOMES = {
@@ -114,6 +117,7 @@ _HOMES = {
     "nonsac.calls.jobs": ("Job", "WorkerDied", "estimate_many"),
     "nonsac.calls.pairs": ("register_pairs",),
     "nonsac.calls.poses": ("absolute_pose", "relative_pose"),
+    "nonsac.calls.verify": ("Verification", "verify"),
     "nonsac.cameras.camera": ("Camera",),
     "nonsac.estimators": ("Estimator", "External", "Pcr99", "Ransac"),
     "nonsac.layouts": ("Layout", "Rows"),

@@ -37,12 +37,12 @@ def view_of(result: Result, matches: Matches, cameras: tuple[Camera, Camera]) ->
     is a panorama; a plane allows a second pose, so that the result may be ambiguous, but its homography is known. What
     pose it has is then left out.
     """
-    chosen = _configuration(result)
+    chosen, inliers = _configuration(result), result.inliers
+    has_evidence = result.found and result.status not in (Status.TOO_FEW, Status.LOW_SUPPORT)
+    if has_evidence and _are_watermark(matches.points1[inliers], matches.points2[inliers], cameras):
+        return View(TwoViewGeometry(Configuration.WATERMARK), inliers)
     if chosen in (Configuration.UNDEFINED, Configuration.DEGENERATE):
         return View(TwoViewGeometry(chosen), np.zeros(len(matches), bool))
-    inliers = result.inliers
-    if _are_watermark(matches.points1[inliers], matches.points2[inliers], cameras):
-        return View(TwoViewGeometry(Configuration.WATERMARK), inliers)
     matrices = [pinhole_matrix(camera.model, camera.params) for camera in cameras]
     rotation, translation = result.R, result.t
     if chosen is Configuration.PANORAMIC:
