@@ -29,6 +29,9 @@ from nonsac.seeds import canonical_seed
 
 Progress = Callable[[int, int], object]
 
+# 20,000 minimal samples for a pair of some hundred matches: COLMAP draws 10,000 at most.
+_MAX_SAMPLES = 2
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -68,6 +71,17 @@ class Verification:
         reasons = (is_watermark if p.configuration == is_watermark else p.status for p in self.pairs if not p.kept)
         return Counter(reasons)
 
+    def to_dict(self) -> dict[str, Any]:
+        """What `print` shows, ready for JSON."""
+        return {
+            "pairs": len(self.pairs),
+            "kept": dict(self.configurations),
+            "left_out": dict(self.left_out),
+            "unmatched": self.unmatched,
+            "noise": self.noise,
+            "seconds": self.seconds,
+        }
+
     def write(self, path: FilePath) -> None:
         """Write a line of JSON for each pair, in the order of the database."""
 
@@ -88,7 +102,7 @@ class Verification:
         return "\n".join(lines)
 
 
-@shows_settings("workers", "progress")
+@shows_settings(max_samples=_MAX_SAMPLES)
 def verify(
     database: FilePath,
     output: FilePath,
@@ -130,6 +144,9 @@ def verify(
         Whether an output that is there is replaced.
     progress : callable, optional
         Called as `progress(done, total)`.
+    max_samples : int
+        Of 10,000 minimal samples, about, for a pair of some hundred matches: with two, one that has a fifth of right
+        matches is found. More find more, and take as many times as long for each pair that shows no common scene.
     {others}
         As in `nonsac.relative_pose`, for each pair.
 
@@ -146,9 +163,10 @@ def verify(
         If an argument is out of its range; the message names it.
     """
     check_fallback(fallback)
-    Settings.of("verify", dict(settings) | {"noise": noise})
+    own = {"max_samples": _MAX_SAMPLES} | settings
+    Settings.of("verify", own | {"noise": noise})
     parsed(workers)
-    own = dict(settings) | {"rng": canonical_seed(settings.get("rng", 0))}
+    own["rng"] = canonical_seed(settings.get("rng", 0))
     if noise is not None:
         own["noise"] = noise
     _check_output(database, output, overwrite)
