@@ -55,3 +55,22 @@ def rows_of(path):
         database.row_factory = sqlite3.Row
         rows = list(map(dict, database.execute("SELECT * FROM two_view_geometries")))
     return {tuple(number - 1 for number in divmod(row.pop("pair_id"), MAX_IMAGES)): row for row in rows}
+
+
+def hloc_files(folder, photos, wrong, seed=0):
+    """The same photos as files of hloc, whose list has the images of a pair in reverse; and the matches."""
+    import h5py
+
+    rng = np.random.default_rng(seed)
+    matches = {pair: photos.matches(*pair, share, rng) for pair, share in wrong.items()}
+    with h5py.File(folder / "features.h5", "w") as file:
+        for number, points in enumerate(photos.keypoints):
+            file[f"{name_of(number)}/keypoints"] = points - 0.5
+    with h5py.File(folder / "matches.h5", "w") as file:
+        for (first, second), indices in matches.items():
+            partners = np.full(len(photos.keypoints[first]), -1)
+            partners[indices[:, 0]] = indices[:, 1]
+            file[f"{name_of(first)}/{name_of(second)}/matches0"] = partners
+    listed = folder / "pairs.txt"
+    listed.write_text("".join(f"{name_of(second)} {name_of(first)}\n" for first, second in matches))
+    return photos, matches, folder / "features.h5", folder / "matches.h5", listed

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from nonsac.calls.jobs import Job, WorkerDied, estimate_many
     from nonsac.calls.pairs import register_pairs
     from nonsac.calls.poses import absolute_pose, relative_pose
-    from nonsac.calls.verify import Verification, verify
+    from nonsac.calls.verification import Verification
+    from nonsac.calls.verify import verify
     from nonsac.cameras.camera import Camera
     from nonsac.estimators import Estimator, External, Pcr99, Ransac
     from nonsac.files.errors import InputError
@@ -117,7 +118,8 @@ _HOMES = {
     "nonsac.calls.jobs": ("Job", "WorkerDied", "estimate_many"),
     "nonsac.calls.pairs": ("register_pairs",),
     "nonsac.calls.poses": ("absolute_pose", "relative_pose"),
-    "nonsac.calls.verify": ("Verification", "verify"),
+    "nonsac.calls.verification": ("Verification",),
+    "nonsac.calls.verify": ("verify",),
     "nonsac.cameras.camera": ("Camera",),
     "nonsac.estimators": ("Estimator", "External", "Pcr99", "Ransac"),
     "nonsac.layouts": ("Layout", "Rows"),

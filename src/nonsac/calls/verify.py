@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from nonsac.calls.fallback import check_fallback
 from nonsac.calls.pair_records import VerifiedPair, row_of
 from nonsac.calls.pair_task import PairItem, PairTask
 from nonsac.calls.pooling import FIRST_PAIRS, pooled_noise
-from nonsac.files.atomic import check_target, write_atomically
+from nonsac.calls.verification import Verification
+from nonsac.cameras.camera import CameraLike
+from nonsac.files.atomic import check_target
 from nonsac.files.errors import FilePath, input_error
+from nonsac.io.camera_lists import cameras_of
 from nonsac.io.colmap_pairs import DatabasePairs, check_writable, is_same_file, write_geometries
+from nonsac.io.hloc_pairs import HlocPairs
 from nonsac.io.image_pairs import ImagePair
 from nonsac.method.settings import Settings, shows_settings
 from nonsac.result import VERSION
@@ -33,81 +36,13 @@ Progress = Callable[[int, int], object]
 _MAX_SAMPLES = 2
 
 
-@dataclass(frozen=True)
-class Verification:
-    """What was found of all pairs.
-
-    Attributes
-    ----------
-    pairs : tuple of VerifiedPair
-        In the order of the database.
-    unmatched : int
-        How many pairs were asked for that have no matches.
-    noise : float or None
-        In pixels, that the first pairs have measured, or that was given; None if each pair has measured its own.
-    seconds : float
-        How long it took, since it was resumed.
-    """
-
-    pairs: tuple[VerifiedPair, ...]
-    unmatched: int = 0
-    noise: float | None = None
-    seconds: float = field(default=0.0, compare=False)
-
-    @property
-    def kept(self) -> tuple[VerifiedPair, ...]:
-        """The pairs that a mapper gets."""
-        return tuple(pair for pair in self.pairs if pair.kept)
-
-    @property
-    def configurations(self) -> Counter[str]:
-        """How many pairs are kept, by the kind of their geometry."""
-        return Counter(pair.configuration for pair in self.kept)
-
-    @property
-    def left_out(self) -> Counter[str]:
-        """How many are not, by the reason."""
-        is_watermark = "watermark"
-        reasons = (is_watermark if p.configuration == is_watermark else p.status for p in self.pairs if not p.kept)
-        return Counter(reasons)
-
-    def to_dict(self) -> dict[str, Any]:
-        """What `print` shows, ready for JSON."""
-        return {
-            "pairs": len(self.pairs),
-            "kept": dict(self.configurations),
-            "left_out": dict(self.left_out),
-            "unmatched": self.unmatched,
-            "noise": self.noise,
-            "seconds": self.seconds,
-        }
-
-    def write(self, path: FilePath) -> None:
-        """Write a line of JSON for each pair, in the order of the database."""
-
-        def write(temporary: Path) -> None:
-            with temporary.open("w", encoding="utf-8", newline="\n") as file:
-                file.writelines(json.dumps(pair.to_dict()) + "\n" for pair in self.pairs)
-
-        write_atomically(path, write)
-
-    def __str__(self) -> str:
-        lines = [f"{len(self.pairs):,} pairs, {len(self.kept):,} kept"]
-        if self.noise is not None:
-            lines[0] += f"; noise {self.noise:.3g} pixels"
-        lines += [f"  {count:9,}  {name.replace('_', ' ')}" for name, count in self.configurations.most_common()]
-        lines += [f"  {count:9,}  left out: {name.replace('_', ' ')}" for name, count in self.left_out.most_common()]
-        if self.unmatched:
-            lines.append(f"  {self.unmatched:9,}  listed, but without matches")
-        return "\n".join(lines)
-
-
 @shows_settings(max_samples=_MAX_SAMPLES)
 def verify(
-    database: FilePath,
+    database: FilePath | tuple[FilePath, FilePath],
     output: FilePath,
     *,
     pairs: FilePath | None = None,
+    cameras: FilePath | CameraLike | None = None,
     noise: float | None = None,
     trust_focal_lengths: bool = False,
     fallback: str = "skip",
@@ -121,13 +56,17 @@ def verify(
 
     Parameters
     ----------
-    database : path
-        With keypoints and matches. COLMAP may have it open.
+    database : path, or two of them
+        With keypoints and matches. COLMAP may have it open. Or the features and the matches of hloc, of which a
+        database is made: `output`.
     output : path
         A copy with the geometries, which appears when all is done; or the database itself, which is then changed in one
         transaction.
     pairs : path, optional
-        A file with the names of two images in each line; all pairs by default.
+        A file with the names of two images in each line; all pairs of a database by default.
+    cameras : path or camera, optional
+        For hloc: a list of images and their cameras (a name and a line of COLMAP's cameras.txt in each), or the camera
+        of all, with the size of its images.
     noise : float, optional
         Standard deviation of a right match, in pixels. By default the pairs with the most matches measure it, and
         the others start from the median; one that has support, but is doubted with it, is tried without it, too.
@@ -169,20 +108,44 @@ def verify(
     own["rng"] = canonical_seed(settings.get("rng", 0))
     if noise is not None:
         own["noise"] = noise
-    _check_output(database, output, overwrite)
     start = time.perf_counter()
-    journal = Path(f"{output}.partial")
     with ExitStack() as stack:
-        with DatabasePairs.open(database) as source:
+        path = stack.enter_context(_database_of(database, output, pairs, cameras))
+        _check_output(path, output, overwrite)
+        with DatabasePairs.open(path) as source:
             chosen, unmatched = source.chosen(pairs)
             work = _Work(source, chosen, trust_focal_lengths, fallback, own)
-            kept = stack.enter_context(Journal(journal, work.settings, resume, "pairs", _check_record))
+            journal = Journal(f"{output}.partial", work.settings, resume, "pairs", _check_record)
+            kept = stack.enter_context(journal)
             with pool_of(workers) as pool:
                 pooled = work.run(kept, pool, progress or _no_progress)
-        write_geometries(database, output, _rows(chosen, kept))  # what is still read cannot be written
+        write_geometries(path, output, _rows(chosen, kept))  # what is still read cannot be written
         found = tuple(VerifiedPair.of_record(record) for record in kept.records())
-    journal.unlink()
+    journal.path.unlink()
     return Verification(found, unmatched, pooled if noise is None else noise, time.perf_counter() - start)
+
+
+@contextmanager
+def _database_of(
+    database: FilePath | tuple[FilePath, FilePath],
+    output: FilePath,
+    pairs: FilePath | None,
+    cameras: FilePath | CameraLike | None,
+) -> Iterator[FilePath]:
+    """The database, or one that is made of files of hloc for the time being."""
+    if not isinstance(database, tuple):
+        if cameras is not None:
+            raise ValueError("cameras are those of the database; leave them out, or change the database")
+        yield database
+        return
+    if pairs is None or cameras is None:
+        raise ValueError("files of hloc need pairs, a list of them, and cameras, which they do not hold")
+    check_target(output)
+    with TemporaryDirectory(dir=Path(output).absolute().parent, prefix=".nonsac-") as folder:
+        made = Path(folder) / "database.db"
+        with HlocPairs.open(*database, pairs, cameras_of(cameras)) as source:
+            source.write_database(made)
+        yield made
 
 
 @dataclass(frozen=True)
@@ -211,7 +174,7 @@ class _Work:
         """Do what is missing; returns the noise that the pairs share."""
         first: list[int] = []
         if "noise" not in self.own:
-            by_matches = sorted(range(len(self.chosen)), key=lambda k: -self.chosen[k].num_matches)
+            by_matches = sorted(range(len(self.chosen)), key=lambda k: -(self.chosen[k].num_matches or 0))
             first = sorted(by_matches[:FIRST_PAIRS])
         self._run_some(first, None, kept, pool, progress)
         measured = (record["noise"] for record in kept.records(first) if record["status"] == "ok")

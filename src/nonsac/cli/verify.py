@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +18,7 @@ from nonsac.cli.session import session
 from nonsac.files.identity import identity_of
 
 if TYPE_CHECKING:
-    from nonsac.calls.verify import Verification
+    from nonsac.calls.verification import Verification
 
 Fallback = StrEnum("Fallback", {"SKIP": "skip", "PYCOLMAP": "pycolmap"})
 
@@ -32,7 +32,15 @@ _HELPS = {
 
 @takes_settings("relative_pose", before="report", helps=_HELPS, initial={"max_samples": "2"})
 def verify(
-    database: Annotated[Path, typer.Argument(metavar="DATABASE", help="Of COLMAP, with keypoints and matches.")],
+    database: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DATABASE", help="Of COLMAP, with keypoints and matches; or the features of hloc (.h5)."
+        ),
+    ],
+    second: Annotated[
+        Path | None, typer.Argument(metavar="SECOND", show_default=False, help="The matches of hloc (.h5).")
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write a copy of the database with its geometries of two views."),
@@ -43,6 +51,15 @@ def verify(
     pairs: Annotated[
         Path | None,
         typer.Option(metavar="LIST", show_default="all", help="Only these pairs: names of two images in each line."),
+    ] = None,
+    cameras: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST|CAMERA",
+            show_default="those of the database",
+            help="Of hloc's images: a name and a camera in each line ('a.jpg PINHOLE 1600 1200 1100 1100 800 600'), or "
+            "one camera for all.",
+        ),
     ] = None,
     trust_focal_lengths: Annotated[
         bool,
@@ -73,17 +90,20 @@ def verify(
     """
     if (output is None) != in_place:
         raise bad("--output", "give the name of a copy, or --in-place, and not both")
+    if second is not None and (output is None or pairs is None or cameras is None):
+        raise bad("SECOND", "files of hloc need --output, --pairs and --cameras")
     target = database if output is None else output
-    _check_written(database, target, report, plot)
+    _check_written((database, second, pairs), target, report, plot)
     start = time.perf_counter()
     with session(quiet, "pairs") as progress:
         from nonsac.calls.verify import verify as verified
 
         try:
             found = verified(
-                database,
+                database if second is None else (database, second),
                 target,
                 pairs=pairs,
+                cameras=cameras,
                 trust_focal_lengths=trust_focal_lengths,
                 fallback=str(fallback),
                 resume=resume,
@@ -127,12 +147,12 @@ def _tell_of_rest(target: Path) -> None:
         to_stderr(f"what is done is kept in {rest}; --resume goes on there")
 
 
-def _check_written(database: Path, target: Path, report: Path | None, plot: Path | None) -> None:
+def _check_written(read: Sequence[Path | None], target: Path, report: Path | None, plot: Path | None) -> None:
     """Refuse to write one file over another, and unknown suffixes, before the work."""
     from nonsac.files.atomic import check_target
     from nonsac.plot import picture_suffix
 
-    taken = {identity_of(database), identity_of(target)}
+    taken = {identity_of(path) for path in (*read, target) if path is not None}
     checks: tuple[tuple[str, Path | None, Callable[[Path], object]], ...] = (
         ("--report", report, _check_lines),
         ("--plot", plot, picture_suffix),

@@ -22,12 +22,13 @@ class ImagePair:
     images : two numbers or names
         As the source calls them.
     names : two names
-    num_matches : int
+    num_matches : int or None
+        How many; None if that is not known before they are read.
     """
 
     images: tuple[Image, Image]
     names: tuple[str, str]
-    num_matches: int
+    num_matches: int | None
 
 
 @dataclass(frozen=True)
