@@ -5,6 +5,7 @@ from contextlib import closing
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from match_samples import SCHEMA
 from nonsac.simulate.photos import Photos
@@ -74,3 +75,20 @@ def hloc_files(folder, photos, wrong, seed=0):
     listed = folder / "pairs.txt"
     listed.write_text("".join(f"{name_of(second)} {name_of(first)}\n" for first, second in matches))
     return photos, matches, folder / "features.h5", folder / "matches.h5", listed
+
+
+def write_model(folder, photos, count):
+    """A COLMAP model in text of the first photos, whose points are numbered from 1."""
+    folder.mkdir()
+    (folder / "cameras.txt").write_text(f"1 {photos.camera}\n")
+    images = ""
+    for number in range(count):
+        quaternion = np.roll(Rotation.from_matrix(photos.poses[number][:, :3]).as_quat(), 1)
+        pose = " ".join(map(str, (*quaternion, *photos.poses[number][:, 3])))
+        rows = zip(photos.keypoints[number], photos.shown[number], strict=False)
+        observations = " ".join(f"{x} {y} {point + 1}" for (x, y), point in rows)
+        images += f"{number + 1} {pose} 1 {name_of(number)}\n{observations}\n"
+    (folder / "images.txt").write_text(images)
+    points = "".join(f"{k} {x} {y} {z} 0 0 0 0\n" for k, (x, y, z) in enumerate(photos.points, 1))
+    (folder / "points3D.txt").write_text(points)
+    return folder

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from nonsac.calls.clouds import register_clouds
     from nonsac.calls.estimate import estimate
     from nonsac.calls.jobs import Job, WorkerDied, estimate_many
+    from nonsac.calls.localization import Localization
+    from nonsac.calls.localize import localize
     from nonsac.calls.pairs import register_pairs
     from nonsac.calls.poses import absolute_pose, relative_pose
     from nonsac.calls.verification import Verification
@@ -71,6 +73,7 @@ __all__ = [
     "JoinedSource",
     "LasSource",
     "Layout",
+    "Localization",
     "MappedSource",
     "Noise",
     "NpySource",
@@ -101,6 +104,7 @@ __all__ = [
     "estimate_many",
     "evaluation",
     "io",
+    "localize",
     "open_source",
     "plan",
     "plot",
@@ -116,6 +120,8 @@ __all__ = [
 _HOMES = {
     "nonsac.calls.clouds": ("register_clouds",),
     "nonsac.calls.jobs": ("Job", "WorkerDied", "estimate_many"),
+    "nonsac.calls.localization": ("Localization",),
+    "nonsac.calls.localize": ("localize",),
     "nonsac.calls.pairs": ("register_pairs",),
     "nonsac.calls.poses": ("absolute_pose", "relative_pose"),
     "nonsac.calls.verification": ("Verification",),

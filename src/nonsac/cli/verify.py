@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,8 +13,8 @@ import typer
 from nonsac.cli.inputs import bad
 from nonsac.cli.messages import to_stderr, to_stdout, wrote
 from nonsac.cli.options import AsJson, Quiet, takes_settings
+from nonsac.cli.outputs import check_report, tell_of_rest
 from nonsac.cli.session import session
-from nonsac.files.identity import identity_of
 
 if TYPE_CHECKING:
     from nonsac.calls.verification import Verification
@@ -93,7 +92,7 @@ def verify(
     if second is not None and (output is None or pairs is None or cameras is None):
         raise bad("SECOND", "files of hloc need --output, --pairs and --cameras")
     target = database if output is None else output
-    _check_written((database, second, pairs), target, report, plot)
+    check_report(report, (database, second, pairs, target), plot)
     start = time.perf_counter()
     with session(quiet, "pairs") as progress:
         from nonsac.calls.verify import verify as verified
@@ -112,7 +111,7 @@ def verify(
                 **settings,
             )
         except BaseException:
-            _tell_of_rest(target)
+            tell_of_rest(target)
             raise
     _show(found, time.perf_counter() - start, as_json)
     silent = as_json or quiet
@@ -139,37 +138,3 @@ def _draw(path: Path, found: Verification) -> None:
 
     first, second = [pair.image1 for pair in found.pairs], [pair.image2 for pair in found.pairs]
     match_graph(path, first, second, [pair.num_inliers if pair.kept else 0 for pair in found.pairs])
-
-
-def _tell_of_rest(target: Path) -> None:
-    rest = target.with_name(target.name + ".partial")
-    if rest.exists():
-        to_stderr(f"what is done is kept in {rest}; --resume goes on there")
-
-
-def _check_written(read: Sequence[Path | None], target: Path, report: Path | None, plot: Path | None) -> None:
-    """Refuse to write one file over another, and unknown suffixes, before the work."""
-    from nonsac.files.atomic import check_target
-    from nonsac.plot import picture_suffix
-
-    taken = {identity_of(path) for path in (*read, target) if path is not None}
-    checks: tuple[tuple[str, Path | None, Callable[[Path], object]], ...] = (
-        ("--report", report, _check_lines),
-        ("--plot", plot, picture_suffix),
-    )
-    for option, path, check in checks:
-        if path is None:
-            continue
-        try:
-            check(path)
-            check_target(path)
-        except ValueError as error:
-            raise bad(option, str(error)) from error
-        if identity_of(path) in taken:
-            raise bad(option, f"{path} is used already")
-        taken.add(identity_of(path))
-
-
-def _check_lines(path: Path) -> None:
-    if path.suffix.lower() != ".jsonl":
-        raise ValueError(f"{path}: pairs are written as lines of JSON; end the name in .jsonl")

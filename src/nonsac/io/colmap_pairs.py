@@ -69,9 +69,9 @@ class DatabasePairs(ImagePairs):
             pairs = tuple(_pair(path, names, *row) for row in matches)
             yield cls(path, pairs, database, calibrated, digest[:16])
 
-    def is_calibrated(self, pair: ImagePair) -> bool:
-        """Whether the focal lengths of both images are known."""
-        return all(self.calibrated[int(image)] for image in pair.images)
+    def is_calibrated(self, pair: ImagePair, name: str | None = None) -> bool:
+        images = zip(pair.images, pair.names, strict=True)
+        return all(self.calibrated[int(image)] for image, known in images if name in (None, known))
 
     def read(self, pair: ImagePair) -> Matches:
         first, second = (int(image) for image in pair.images)

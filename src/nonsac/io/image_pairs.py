@@ -50,6 +50,10 @@ class ImagePairs(ABC):
     def read(self, pair: ImagePair) -> Matches:
         """The matches of a pair, with cameras and with the indices of the keypoints."""
 
+    def is_calibrated(self, pair: ImagePair, name: str | None = None) -> bool:
+        """Whether the focal lengths of a pair, or of the image of this name, are known rather than guesses."""
+        return True
+
     def chosen(self, listed: FilePath | None) -> tuple[tuple[ImagePair, ...], int]:
         """The pairs that a file lists, in the order of the source, or all; and how many more it lists.
 
