@@ -6,7 +6,7 @@ what they measure, depends on the pairs alone, and not on who is done first.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,16 @@ class PooledRun:
             return result
         alone = job.run(self.time_limit)
         return alone if alone.success else result
+
+
+def first_of_scenes(scenes: Mapping[int, str]) -> dict[str, list[int]]:
+    """For each scene the numbers of its first pairs, which measure its noise; `scenes` are those of pairs, in order."""
+    first: dict[str, list[int]] = {}
+    for number, scene in scenes.items():
+        numbers = first.setdefault(scene, [])
+        if len(numbers) < FIRST_PAIRS:
+            numbers.append(number)
+    return first
 
 
 def pooled_noise(measured: Iterable[float]) -> float | None:
