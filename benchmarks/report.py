@@ -305,9 +305,10 @@ def verification(file: Row) -> str:
     databases = len(unique(row["seed"] for row in results))
     intro = (
         f"## Databases of COLMAP\n\n{databases} databases of {results[0]['pairs']} pairs of {settings['photos']} "
-        f"simulated photos, keypoints with a noise of {settings['noise']} pixels: `nonsac verify` beside COLMAP's own geometric "
-        f"verification, {settings['workers']} workers each, which start within the time, and pycolmap's incremental "
-        "mapper on what they give. Medians over the databases; errors of the cameras after alignment, the scene is 2 wide.\n"
+        f"simulated photos, keypoints with a noise of {settings['noise']} pixels: `nonsac verify` beside COLMAP's own "
+        f"geometric verification, {settings['workers']} workers each, which start within the time, and pycolmap's "
+        "incremental mapper on what they give. Medians over the databases; errors of the cameras after alignment, the "
+        "scene is 2 wide.\n"
     )
     return "\n".join([intro, table(header, lines), origin(file)])
 

@@ -110,7 +110,7 @@ def write_two_view_geometry(
         if numbers[0] > numbers[1]:
             numbers, inliers = numbers[::-1], inliers[:, ::-1]
             rotation, translation = rotation.T, -rotation.T @ translation
-        matrices = [matrix_of(path, database, number) for number in numbers]
+        matrices = [_pinhole_matrix(path, database, number) for number in numbers]
         geometry = TwoViewGeometry.of_pose(rotation, translation, matrices)
         write_row(database, pair_id(numbers), inliers, geometry.columns())
 
@@ -217,7 +217,7 @@ def _check_inliers(path: FilePath, matches: ArrayLike) -> NDArray[np.int64]:
     return inliers.astype(np.int64)
 
 
-def matrix_of(path: FilePath, database: sqlite3.Connection, image: int) -> Points | None:
+def _pinhole_matrix(path: FilePath, database: sqlite3.Connection, image: int) -> Points | None:
     """Return the matrix of the camera of an image without its distortion, or None for a fisheye."""
     model, _, _, params = _read_camera(path, database, image)
     matrix = pinhole_matrix(model, params)

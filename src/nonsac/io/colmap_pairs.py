@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from nonsac.cameras.unreadable import camera_or_error
 from nonsac.files.atomic import write_atomically
 from nonsac.files.errors import FilePath, input_error
-from nonsac.io.colmap_database import described_camera, keypoints_of, matrix_of
+from nonsac.io.colmap_database import described_camera, keypoints_of
 from nonsac.io.colmap_sqlite import damaged, open_database, unpack
-from nonsac.io.correspondences import Matches, Points
+from nonsac.io.correspondences import Matches
 from nonsac.io.image_pairs import ImagePair, ImagePairs
 from nonsac.io.two_view_geometry import MAX_IMAGES, pair_id, write_row
 
@@ -82,18 +82,9 @@ class DatabasePairs(ImagePairs):
         points1, points2 = keypoints1[indices[:, 0]], keypoints2[indices[:, 1]]
         return Matches(points1, points2, None, self._camera(first), self._camera(second), indices)
 
-    def matrices(self, pair: ImagePair) -> tuple[Points | None, Points | None]:
-        """The matrices of both cameras without their distortion; None for a fisheye."""
-        first, second = (self._matrix(int(image)) for image in pair.images)
-        return first, second
-
     @cached_property
     def _keypoints(self) -> Any:
         return lru_cache(_IMAGES_KEPT)(lambda image: keypoints_of(self.path, self.database, image))
-
-    @cached_property
-    def _matrix(self) -> Any:
-        return lru_cache(None)(lambda image: matrix_of(self.path, self.database, image))
 
     @cached_property
     def _camera(self) -> Any:
