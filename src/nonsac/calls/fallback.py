@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from nonsac.calls.two_views import View
 from nonsac.io.correspondences import Matches
 from nonsac.io.two_view_geometry import Configuration, TwoViewGeometry
+from nonsac.values.numeric import shown
 
 FALLBACKS = ("skip", "pycolmap")
 
 
 def check_fallback(fallback: object) -> None:
     """Refuse what is no fallback, or one that is not installed."""
-    if fallback not in FALLBACKS:
-        raise ValueError(f"fallback must be one of {', '.join(map(repr, FALLBACKS))}, got {fallback!r}")
+    if not isinstance(fallback, str) or fallback not in FALLBACKS:
+        raise ValueError(f"fallback must be one of {', '.join(map(repr, FALLBACKS))}, got {shown(fallback)}")
     if fallback == "pycolmap" and find_spec("pycolmap") is None:
         raise ValueError("fallback='pycolmap' needs it: pip install pycolmap")
 

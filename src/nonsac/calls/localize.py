@@ -17,6 +17,7 @@ from nonsac.calls.jobs import Job, may_end
 from nonsac.calls.localization import Localization, LocalizedImage
 from nonsac.calls.pair_records import warnings_told
 from nonsac.calls.pooling import FIRST_PAIRS, PooledRun, pooled_noise
+from nonsac.calls.run_arguments import Progress, RunArguments, settings_of_each
 from nonsac.cameras.camera import Camera, CameraLike
 from nonsac.cameras.unreadable import UnreadableCamera
 from nonsac.files.errors import FilePath, input_error
@@ -28,14 +29,12 @@ from nonsac.io.matches import open_matches
 from nonsac.io.poses import PosedImage, check_poses, write_poses
 from nonsac.io.queries import QueryPairs
 from nonsac.layouts import POINTS
-from nonsac.method.settings import Settings, shows_settings
+from nonsac.method.settings import shows_settings
 from nonsac.result import VERSION
-from nonsac.running.executors import Workers, parsed
+from nonsac.running.executors import Workers
 from nonsac.running.journal import Journal
 from nonsac.running.many import pool_of, run_many
-from nonsac.seeds import canonical_seed
 
-Progress = Callable[[int, int], object]
 Cameras = dict[str, Camera] | Camera | None
 
 
@@ -91,23 +90,19 @@ def localize(
     ValueError, TypeError
         If an argument is out of its range; the message names it.
     """
-    Settings.of("localize", settings | {"noise": noise})
-    parsed(workers)
+    own = settings_of_each("localize", settings, noise)
+    run = RunArguments(output, pairs, workers, resume, overwrite, progress)
     check_poses(output, overwrite)
-    own = settings | {"rng": canonical_seed(settings.get("rng", 0))}
-    if noise is not None:
-        own["noise"] = noise
     start = time.perf_counter()
     known = None if cameras is None else cameras_of(cameras)
     with _images(model, files, pairs, known, own) as images:
         header = {"images": images.names, "settings": {name: repr(value) for name, value in own.items()}}
         check = partial(_check_record, len(images.names))
-        journal = Journal(f"{output}.partial", header | {"version": VERSION}, resume, "images", check)
-        with journal as kept:
-            measured = _run(images, "noise" not in own, kept, workers, progress)
+        with Journal(run.journal, header | {"version": VERSION}, resume, "images", check) as kept:
+            measured = _run(images, "noise" not in own, kept, run)
             found = tuple(map(LocalizedImage.of_record, kept.records()))
             write_poses(output, [_posed(image) for image in found if image.T is not None])
-    journal.path.unlink()
+    run.journal.unlink()
     return Localization(found, measured if noise is None else noise, time.perf_counter() - start)
 
 
@@ -177,20 +172,19 @@ def _of_list(cameras: dict[str, Camera], name: str) -> Camera | None:
 # --- the work ------------------------------------------------------------------------------
 
 
-def _run(images: _Images, pools: bool, kept: Journal, workers: Workers, progress: Progress | None) -> float | None:
+def _run(images: _Images, pools: bool, kept: Journal, run: RunArguments) -> float | None:
     """Do what is missing; returns the noise that the images share."""
     everything = range(len(images.names))
     first = everything[:FIRST_PAIRS] if pools else everything[:0]
     noise = None
-    with pool_of(workers) as pool:
+    with pool_of(run.workers) as pool:
         for numbers in (first, everything):
             missing = [number for number in numbers if number not in kept]
             jobs = (images.job(images.names[number]) for number in missing)
             outcomes = run_many(_Localize(noise), jobs, pool, apart=may_end, together=True)
             for number, (job, outcome) in zip(missing, outcomes, strict=True):
                 kept.add(number, outcome if isinstance(outcome, dict) else _failure(job, outcome))
-                if progress is not None:
-                    progress(kept.count, len(images.names))
+                run.tell(kept.count, len(images.names))
             if numbers is first:
                 measured = (record["noise"] for record in kept.records(first) if record["status"] == "ok")
                 noise = pooled_noise(measured)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from nonsac.calls.fallback import check_fallback
 from nonsac.calls.pair_records import VerifiedPair, row_of
 from nonsac.calls.pair_task import PairItem, PairTask
 from nonsac.calls.pooling import FIRST_PAIRS, pooled_noise
+from nonsac.calls.run_arguments import Progress, RunArguments, settings_of_each
 from nonsac.calls.verification import Verification
 from nonsac.cameras.camera import CameraLike
 from nonsac.files.atomic import check_target
@@ -23,14 +24,12 @@ from nonsac.io.camera_lists import cameras_of
 from nonsac.io.colmap_pairs import DatabasePairs, check_writable, is_same_file, write_geometries
 from nonsac.io.hloc_pairs import HlocPairs
 from nonsac.io.image_pairs import ImagePair
-from nonsac.method.settings import Settings, shows_settings
+from nonsac.method.settings import shows_settings
 from nonsac.result import VERSION
-from nonsac.running.executors import Workers, parsed
+from nonsac.running.executors import Workers
 from nonsac.running.journal import Journal
 from nonsac.running.many import pool_of, run_many
-from nonsac.seeds import canonical_seed
-
-Progress = Callable[[int, int], object]
+from nonsac.values.checks import file_name, flag
 
 # 20,000 minimal samples for a pair of some hundred matches: COLMAP draws 10,000 at most.
 _MAX_SAMPLES = 2
@@ -102,12 +101,9 @@ def verify(
         If an argument is out of its range; the message names it.
     """
     check_fallback(fallback)
-    own = {"max_samples": _MAX_SAMPLES} | settings
-    Settings.of("verify", own | {"noise": noise})
-    parsed(workers)
-    own["rng"] = canonical_seed(settings.get("rng", 0))
-    if noise is not None:
-        own["noise"] = noise
+    flag("trust_focal_lengths", trust_focal_lengths)
+    own = settings_of_each("verify", {"max_samples": _MAX_SAMPLES} | settings, noise)
+    run = RunArguments(output, pairs, workers, resume, overwrite, progress)
     start = time.perf_counter()
     with ExitStack() as stack:
         path = stack.enter_context(_database_of(database, output, pairs, cameras))
@@ -115,13 +111,12 @@ def verify(
         with DatabasePairs.open(path) as source:
             chosen, unmatched = source.chosen(pairs)
             work = _Work(source, chosen, trust_focal_lengths, fallback, own)
-            journal = Journal(f"{output}.partial", work.settings, resume, "pairs", _check_record)
-            kept = stack.enter_context(journal)
+            kept = stack.enter_context(Journal(run.journal, work.settings, resume, "pairs", _check_record))
             with pool_of(workers) as pool:
-                pooled = work.run(kept, pool, progress or _no_progress)
+                pooled = work.run(kept, pool, run.tell)
         write_geometries(path, output, _rows(chosen, kept))  # what is still read cannot be written
         found = tuple(VerifiedPair.of_record(record) for record in kept.records())
-    journal.path.unlink()
+    run.journal.unlink()
     return Verification(found, unmatched, pooled if noise is None else noise, time.perf_counter() - start)
 
 
@@ -133,13 +128,18 @@ def _database_of(
     cameras: FilePath | CameraLike | None,
 ) -> Iterator[FilePath]:
     """The database, or one that is made of files of hloc for the time being."""
-    if not isinstance(database, tuple):
+    if not isinstance(database, (tuple, list)):
+        file_name("database", database)
         if cameras is not None:
             raise ValueError("cameras are those of the database; leave them out, or change the database")
         yield database
         return
     if pairs is None or cameras is None:
         raise ValueError("files of hloc need pairs, a list of them, and cameras, which they do not hold")
+    if len(database) != 2:
+        raise ValueError(
+            f"database must be one file, or the features and the matches of hloc, got {len(database)} files"
+        )
     check_target(output)
     with TemporaryDirectory(dir=Path(output).absolute().parent, prefix=".nonsac-") as folder:
         made = Path(folder) / "database.db"
@@ -217,7 +217,3 @@ def _check_output(database: FilePath, output: FilePath, overwrite: bool) -> None
 def _check_record(position: int, record: Any) -> None:
     VerifiedPair.of_record(record)
     row_of(record)
-
-
-def _no_progress(done: int, total: int) -> None:
-    return None

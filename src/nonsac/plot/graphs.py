@@ -39,6 +39,9 @@ def match_graph(
     """
     suffix = picture_suffix(path)
     first, second = listed("images1", images1, "names of images"), listed("images2", images2, "names of images")
+    for given, values in (("images1", first), ("images2", second)):
+        if not all(isinstance(value, str) for value in values):
+            raise TypeError(f"{given} must hold names of images, strings all of them")
     counts = real_array("inliers", inliers)
     if not len(first) == len(second) == counts.size or counts.ndim != 1:
         raise ValueError(f"images1, images2 and inliers have {len(first)}, {len(second)} and {counts.size} entries")
