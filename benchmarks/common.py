@@ -31,6 +31,7 @@ _PACKAGES = (
     "kiss_matcher",
     "small_gicp",
     "poselib",
+    "pycolmap",
     "opencv-python-headless",
 )
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import cloud_methods
+import numpy as np
 import pairs
 import pose_methods
 import work
@@ -64,6 +65,8 @@ def body() -> str:
         "work": work_section,
         "grid": grid_section,
         "kernels": kernels,
+        "throughput": throughput,
+        "verify": verification,
     }
     files = [json.loads(path.read_text()) for path in sorted(RESULTS.glob("*.json"))]
     return "\n".join(write(file) for name, write in writers.items() for file in files if file.get("benchmark") == name)
@@ -276,6 +279,63 @@ def kernels(file: Row) -> str:
         ],
     ]
     return "\n".join(["## Kernels, one thread\n", table(["work", "throughput"], lines), origin(file)])
+
+
+def verification(file: Row) -> str:
+    """Medians over the databases; what is kept is summed up."""
+    settings, results = file["settings"], file["results"]
+    header = ["method", "pairs/s", "processor time a pair", "kept: 30 % wrong", "80 % wrong", "all wrong"]
+    header += ["cameras", "position error", "largest", "rotation error"]
+    lines = []
+    for method in ("nonsac", "pycolmap"):
+        rows = [row for row in results if row["method"] == method]
+        kept = [f"{sum(r['kept'][s] for r in rows)} of {sum(r['of'][s] for r in rows)}" for s in ("0.3", "0.8", "1.0")]
+        lines.append(
+            [
+                method,
+                f"{_median(row['pairs'] / row['wall_s'] for row in rows):.1f}",
+                f"{1e3 * _median(row['cpu_s'] / row['pairs'] for row in rows):.0f} ms",
+                *kept,
+                f"{min(row['registered'] for row in rows)} of {settings['photos']}",
+                f"{_median(row['position'] for row in rows):.5f}",
+                f"{_median(row['worst_position'] for row in rows):.5f}",
+                f"{_median(row['rotation'] for row in rows):.4f}°",
+            ]
+        )
+    databases = len(unique(row["seed"] for row in results))
+    intro = (
+        f"## Databases of COLMAP\n\n{databases} databases of {results[0]['pairs']} pairs of {settings['photos']} "
+        f"simulated photos, keypoints with a noise of {settings['noise']} pixels: `nonsac verify` beside COLMAP's own "
+        f"geometric verification, {settings['workers']} workers each, which start within the time, and pycolmap's "
+        "incremental mapper on what they give. Medians over the databases; errors of the cameras after alignment, the "
+        "scene is 2 wide.\n"
+    )
+    return "\n".join([intro, table(header, lines), origin(file)])
+
+
+def throughput(file: Row) -> str:
+    header = ["call", "pairs", "workers", "in the calls", "beside them, workers", "this process", "share in the calls"]
+    lines = [
+        [
+            row["call"],
+            f"{row['pairs']:,}",
+            str(row["workers"]),
+            f"{row['calls_s']:.1f} s",
+            f"{row['workers_s'] - row['calls_s']:.1f} s",
+            f"{row['parent_s']:.1f} s",
+            f"{100 * row['share']:.1f} %",
+        ]
+        for row in file["rows"]
+    ]
+    intro = (
+        f"## Many small pairs\n\nProcessor time of `nonsac batch` with {file['rows_per_pair']} matches in each pair. "
+        "What the workers do beside the calls is starting, most of all.\n"
+    )
+    return "\n".join([intro, table(header, lines), origin(file)])
+
+
+def _median(values: Iterable[float]) -> float:
+    return float(np.median(list(values)))
 
 
 def losses(rows: Sequence[Row], key: str, names: dict[Any, str]) -> str:

@@ -12,8 +12,12 @@ if TYPE_CHECKING:
     from nonsac.calls.clouds import register_clouds
     from nonsac.calls.estimate import estimate
     from nonsac.calls.jobs import Job, WorkerDied, estimate_many
+    from nonsac.calls.localization import Localization
+    from nonsac.calls.localize import localize
     from nonsac.calls.pairs import register_pairs
     from nonsac.calls.poses import absolute_pose, relative_pose
+    from nonsac.calls.verification import Verification
+    from nonsac.calls.verify import verify
     from nonsac.cameras.camera import Camera
     from nonsac.estimators import Estimator, External, Pcr99, Ransac
     from nonsac.files.errors import InputError
@@ -70,6 +74,7 @@ __all__ = [
     "JoinedSource",
     "LasSource",
     "Layout",
+    "Localization",
     "MappedSource",
     "Noise",
     "NpySource",
@@ -92,6 +97,7 @@ __all__ = [
     "Status",
     "StreamSource",
     "Streaming",
+    "Verification",
     "WorkerDied",
     "ZarrSource",
     "absolute_pose",
@@ -99,6 +105,7 @@ __all__ = [
     "estimate_many",
     "evaluation",
     "io",
+    "localize",
     "open_source",
     "plan",
     "plot",
@@ -108,13 +115,18 @@ __all__ = [
     "scoring",
     "simulate",
     "testing",
+    "verify",
 ]
 
 _HOMES = {
     "nonsac.calls.clouds": ("register_clouds",),
     "nonsac.calls.jobs": ("Job", "WorkerDied", "estimate_many"),
+    "nonsac.calls.localization": ("Localization",),
+    "nonsac.calls.localize": ("localize",),
     "nonsac.calls.pairs": ("register_pairs",),
     "nonsac.calls.poses": ("absolute_pose", "relative_pose"),
+    "nonsac.calls.verification": ("Verification",),
+    "nonsac.calls.verify": ("verify",),
     "nonsac.cameras.camera": ("Camera",),
     "nonsac.estimators": ("Estimator", "External", "Pcr99", "Ransac"),
     "nonsac.layouts": ("Layout", "Rows"),

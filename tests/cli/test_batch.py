@@ -14,7 +14,8 @@ import pytest
 import nonsac
 from cli_samples import FIRST, SECOND, matrix, said, scene, subprocess_nonsac, two_views, write_hloc, write_table
 from nonsac import simulate
-from nonsac.cli.batch import _Summarise, _write_parquet
+from nonsac.cli.batch import _write_parquet
+from nonsac.cli.batch_run import Item, Summarise
 from nonsac.running import journal
 from plane import Plane
 from waiting import wait_until
@@ -98,7 +99,7 @@ def test_models_that_are_no_motions_are_written_as_they_are(tmp_path, rng):
             rows[:200, 2] = 0.5
             return nonsac.estimate(nonsac.ArraySource(rows), Plane(), noise=0.01)
 
-    record = _Summarise(None)(Flat("register_pairs", np.zeros((9, 3)), np.zeros((9, 3)), name="a"))
+    record = Summarise(None)(Item(Flat("register_pairs", np.zeros((9, 3)), np.zeros((9, 3)), name="a")))
     assert record["success"]
     assert record["T"] is None
     np.testing.assert_allclose(np.abs(record["model"]), [0, 0, 1, 0.5], atol=1e-12)
@@ -190,7 +191,53 @@ def test_warnings_of_a_pair_are_in_its_line(run, folder):
     assert any("look like pixels" in remark for remark in results()[0]["remarks"])
 
 
+def test_pairs_of_a_scene_share_the_noise_that_the_first_ones_measure(run, folder):
+    for number in range(20):
+        write_pairs(f"{number}.npy", number)
+    rows = [{"call": "register-pairs", "pairs": f"{k}.npy", "scene": "hall"} for k in range(18)]
+    rows += [{"call": "register-pairs", "pairs": "18.npy"}]
+    rows += [{"call": "register-pairs", "pairs": "19.npy", "scene": "hall", "noise": "0.012"}]
+    rows += [{"call": "register-pairs", "pairs": "0.npy", "scene": "too few pairs"}]
+    manifest = write_manifest(rows)
+    run("batch", manifest, "--output", "out.jsonl", "--workers", "1")
+    noises = [line["noise"] for line in results()]
+    shared = np.median(noises[:16])
+    assert noises[16:18] == [shared, shared]
+    assert shared == pytest.approx(0.01, rel=0.1)
+    assert len({*noises[:16], shared}) > 10
+    alone = np.load("18.npy")
+    assert noises[18] == nonsac.register_pairs(alone[:, :3], alone[:, 3:]).noise
+    assert noises[19:] == [0.012, noises[0]]
+    run("batch", manifest, "--output", "two.jsonl", "--workers", "2")
+    assert Path("two.jsonl").read_bytes() == Path("out.jsonl").read_bytes()
+
+
+def test_a_stop_before_or_after_the_noise_is_known_changes_nothing(run, folder, monkeypatch):
+    for number in range(3):
+        write_pairs(f"{number}.npy", number)
+    rows = [{"call": "register-pairs", "pairs": f"{k % 3}.npy", "scene": "hall"} for k in range(20)]
+    manifest = write_manifest(rows)
+    run("batch", manifest, "--output", "whole.jsonl", "--workers", "1")
+    summarise = Summarise.__call__
+    for stop in (4, 18):
+        count = iter(range(stop))
+
+        def stops(task, item, count=count):
+            if next(count, None) is None:
+                raise KeyboardInterrupt
+            return summarise(task, item)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Summarise, "__call__", stops)
+            assert run("batch", manifest, "--output", "out.jsonl", "--workers", "1")[0] == 130
+        assert not Path("out.jsonl").exists()
+        run("batch", manifest, "--output", "out.jsonl", "--workers", "1", "--resume")
+        assert Path("out.jsonl").read_bytes() == Path("whole.jsonl").read_bytes()
+        Path("out.jsonl").unlink()
+
+
 REFUSED = {
+    "call,source,target,scene\nregister-clouds,a.ply,b.ply,hall": "register-clouds is given no noise, so that there is",
     "call,pairs,noise,noise\nregister-pairs,a.npy,1,2": "pairs.csv, line 1: names the column 'noise' twice; keep one",
     "call,pairs,max-samples,max_samples\nregister-pairs,a.npy,1,2": "line 1: names the column 'max_samples' twice",
     "call,pairs,nois\nregister-pairs,a.npy,1": "pairs.csv, line 2: there is no column 'nois'; the columns are name,",

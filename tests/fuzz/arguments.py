@@ -9,10 +9,11 @@ import json
 import math
 import os
 import random
+import sqlite3
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -559,6 +560,35 @@ def _geometry(**given: Any) -> None:
     nio.write_two_view_geometry("a.db", **given)
 
 
+def _verified(**given: Any) -> Any:
+    """Of a database of one pair that has no matches, so that nothing is estimated."""
+    import match_samples
+
+    if not os.path.exists("a.db"):
+        match_samples.fill_database("a.db")
+        Path("pairs.txt").write_text("fish.jpg sub/a_b.jpg\n")
+        with closing(sqlite3.connect("a.db")) as database, database:
+            database.execute("UPDATE images SET name = 'sub/a_b.jpg' WHERE image_id = 3")
+    return nonsac.verify("a.db", **given)
+
+
+def _verified_arguments() -> Arguments:
+    given = {"output": "out.db", "pairs": "pairs.txt", "cameras": None, "trust_focal_lengths": False}
+    return given | {"fallback": "skip", "overwrite": True, "resume": False} | _settings()
+
+
+def _localized(**given: Any) -> Any:
+    """Of a folder of one table that holds one row."""
+    os.makedirs("tables", exist_ok=True)
+    Path("tables/a.csv").write_text("u,v,X,Y,Z\n1,2,3,4,5\n")
+    return nonsac.localize("tables", **given)
+
+
+def _localized_arguments() -> Arguments:
+    given = {"output": "out.txt", "cameras": "PINHOLE 9 9 5 5 4 4", "overwrite": True, "resume": False}
+    return given | {"pairs": None} | _settings()
+
+
 def _moved(**given: Any) -> Any:
     result = _answer()
     return result.apply(**given)
@@ -612,6 +642,22 @@ CALLS: dict[str, Call] = {
     ),
     "Job": Call(_job, _job_arguments, 15, names=("data",)),
     "estimate_many": Call(_many, _many_arguments, 15, ("workers",), ("progress",)),
+    "verify": Call(
+        _verified,
+        _verified_arguments,
+        20,
+        ("workers", "max_samples"),
+        ("progress", "estimator"),
+        names=("out.db", "a.db", "pairs.txt", "partial", "folder"),
+    ),
+    "localize": Call(
+        _localized,
+        _localized_arguments,
+        20,
+        ("workers", "max_samples"),
+        ("progress", "estimator"),
+        names=("out.txt", "tables", "partial", "folder"),
+    ),
     "plan": Call(
         nonsac.plan,
         lambda: {"source": nonsac.ArraySource(_rows()), "samples": 10, "sample_size": 20, "draw": "rows"},
@@ -797,6 +843,11 @@ CALLS: dict[str, Call] = {
             {"points2d": _views().points1 * 100, "projected": _views().points2 * 100, "inliers": _views().inliers}
             | {"size": (400, 400), "image": None, "title": None}
         ),
+        150,
+    ),
+    "plot.match_graph": Call(
+        _picture(plot.match_graph),
+        lambda: {"images1": ["a", "b"], "images2": ["b", "c"], "inliers": np.array([3, 0])},
         150,
     ),
     "plot.boxplot": Call(

@@ -22,7 +22,9 @@ from fuzz import bombs, mutations
 from fuzz.mutations import ARCHIVE, DATABASE, JSON, TEXT, Change, Files
 from io_samples import FACES, XYZ, compressed, mixed_faces, npy, npz, pcd_header, ply_header
 from nonsac import io as nio
+from nonsac.io import colmap_binary, colmap_text
 from nonsac.io.clouds import TEXT_SUFFIXES
+from nonsac.io.colmap_pairs import DatabasePairs
 
 Read = Callable[[Path], object]
 CANARY = 8642.0  # stands in a file beside the input, which nothing has to read
@@ -624,6 +626,15 @@ def _database_seeds() -> list[Files]:
         return [{"a.db": (Path(folder) / "a.db").read_bytes()}]
 
 
+def _all_pairs(folder: Path) -> None:
+    """What `nonsac verify` reads."""
+    with DatabasePairs.open(folder / "a.db") as source:
+        for pair in source.pairs:
+            found = source.read(pair)
+            assert len(found.points1) == len(found.points2) == len(found.indices)
+            source.is_calibrated(pair)
+
+
 def _write_geometry(folder: Path) -> None:
     nio.write_two_view_geometry(folder / "a.db", 3, "b.jpg", np.eye(4) + np.eye(4, k=3), np.array([[0, 0], [1, 1]]))
 
@@ -770,15 +781,26 @@ FORMATS: dict[str, Format] = {
     ),
     "colmap-text": Format(
         lambda: _models(match_samples.write_text_model),
-        [_matches(nio.read_colmap_points, "m", "b.jpg"), lambda folder: nio.read_colmap_pose(folder / "m", 9)],
+        [
+            _matches(nio.read_colmap_points, "m", "b.jpg"),
+            lambda folder: nio.read_colmap_pose(folder / "m", 9),
+            lambda folder: dict(colmap_text.all_images(folder / "m" / "images.txt")),
+        ],
         TEXT,
     ),
     "colmap-binary": Format(
         lambda: _models(match_samples.write_binary_model),
-        [_matches(nio.read_colmap_points, "m", "b.jpg"), lambda folder: nio.read_colmap_pose(folder / "m", 9)],
+        [
+            _matches(nio.read_colmap_points, "m", "b.jpg"),
+            lambda folder: nio.read_colmap_pose(folder / "m", 9),
+            lambda folder: dict(colmap_binary.all_images(folder / "m" / "images.bin")),
+        ],
     ),
     "colmap-database": Format(
-        _database_seeds, [_matches(nio.read_colmap_pair, "a.db", 3, "b.jpg"), _write_geometry], DATABASE, cost=3
+        _database_seeds,
+        [_matches(nio.read_colmap_pair, "a.db", 3, "b.jpg"), _all_pairs, _write_geometry],
+        DATABASE,
+        cost=3,
     ),
     "manifest-csv": Format(_manifest_csv, [_read_manifest("m.csv")], TEXT, documented=lambda: (ValueError,)),
     "manifest-jsonl": Format(_manifest_jsonl, [_read_manifest("m.jsonl")], JSON, documented=lambda: (ValueError,)),

@@ -22,6 +22,7 @@ _BY_OTHERS = {
     "Hypothesis": "an answer",
     "InputError": "an error",
     "LasSource": "by open_source, as a format",
+    "Localization": "an answer",
     "Noise": "made by the pipeline",
     "ParquetSource": "by open_source, as a format",
     "Plan": "an answer",
@@ -36,6 +37,7 @@ _BY_OTHERS = {
     "SpecialCase": "an answer",
     "Status": "an answer",
     "Streaming": "abstract",
+    "Verification": "an answer",
     "WorkerDied": "an error",
     "ZarrSource": "by open_source, as a format",
 }

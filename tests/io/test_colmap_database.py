@@ -18,6 +18,7 @@ from nonsac.cameras.unreadable import chosen_cameras
 from nonsac.io import (
     InputError,
     colmap_database,
+    colmap_sqlite,
     open_matches,
     read_colmap_pair,
     read_matches,
@@ -335,7 +336,7 @@ def test_a_failure_leaves_the_old_row_alone(path, refused):
 
 
 def test_locked(path, refused, monkeypatch):
-    monkeypatch.setattr(colmap_database, "_SECONDS_TO_WAIT", 0.01)
+    monkeypatch.setattr(colmap_sqlite, "_SECONDS_TO_WAIT", 0.01)
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
         database.execute("BEGIN EXCLUSIVE")
         message = refused(read_colmap_pair, path, 3, 7)
@@ -370,7 +371,7 @@ def test_read_only(path, refused, monkeypatch):
         return connect(address.replace("mode=rw", "mode=ro"), *rest, **options)
 
     connect = sqlite3.connect
-    monkeypatch.setattr(colmap_database.sqlite3, "connect", open_read_only)
+    monkeypatch.setattr(colmap_sqlite.sqlite3, "connect", open_read_only)
     message = refused(write_two_view_geometry, path, 3, 7, POSE, [[0, 2]])
     assert "cannot be opened or written (attempt to write a readonly database)" in message
 
@@ -477,8 +478,8 @@ def write(path, image1, image2):
 
 def test_what_would_never_end_is_interrupted(path, refused, monkeypatch):
     """A program that nobody has thought of, in the place of one that is known."""
-    monkeypatch.setattr(colmap_database, "_MAKES_TABLE", re.compile(""))
-    monkeypatch.setattr(colmap_database, "_MOST_STEPS", 20)
+    monkeypatch.setattr(colmap_sqlite, "_MAKES_TABLE", re.compile(""))
+    monkeypatch.setattr(colmap_sqlite, "_MOST_STEPS", 20)
     run(path, "ALTER TABLE images RENAME TO old")
     run(path, f"CREATE VIEW images AS SELECT image_id, name, ({FOREVER}) AS camera_id FROM old")
     assert "asks for more than a database of COLMAP would (interrupted)" in refused(read_colmap_pair, path, 3, 7)
@@ -486,7 +487,7 @@ def test_what_would_never_end_is_interrupted(path, refused, monkeypatch):
 
 @pytest.mark.usefixtures("little_memory")
 def test_blobs_are_no_longer_than_the_file(path, refused, monkeypatch):
-    monkeypatch.setattr(colmap_database, "_MAKES_TABLE", re.compile(""))
+    monkeypatch.setattr(colmap_sqlite, "_MAKES_TABLE", re.compile(""))
     run(path, "ALTER TABLE keypoints RENAME TO old")
     run(path, "CREATE VIEW keypoints AS SELECT image_id, 1 AS rows, 2 AS cols, zeroblob(500000000) AS data FROM old")
     assert "asks for more than a database of COLMAP would" in refused(read_colmap_pair, path, 3, 7)

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
-from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from nonsac.calls.registry import CALLS, Call
 from nonsac.cameras.unreadable import chosen_cameras
 from nonsac.files.content import may_end_process
+from nonsac.kernels.ahead import compile_for
 from nonsac.result import Result
-from nonsac.running.executors import Workers, parsed, waited_for, width_of
-from nonsac.running.processes import CannotStart, WorkerDied, WorkerProcesses, can_spawn
+from nonsac.running.executors import Workers, parsed
+from nonsac.running.many import pool_of, run_many
+from nonsac.running.processes import WorkerDied
 from nonsac.seeds import canonical_seed
 from nonsac.values.checks import iterable
 from nonsac.values.numeric import shown
@@ -27,7 +25,6 @@ __all__ = ["Job", "WorkerDied", "estimate_many"]
 
 Outcome = Result | Exception
 Progress = Callable[[int, int | None], object]
-Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -80,6 +77,10 @@ class Job:
 
     def __repr__(self) -> str:
         return f"Job({self.call!r}, name={self.name!r})"
+
+    def compile(self) -> None:
+        """Compile what the job calls, on all cores, if it is not yet: workers would each compile it for themselves."""
+        compile_for(self.call, self.settings.get("noise"))
 
     def run(self, time_limit: float | None = None) -> Result:
         """Read the files, if any, and make the call on one thread.
@@ -148,7 +149,7 @@ def estimate_many(
         raise TypeError(f"progress must be a function of (done, total), or None, got {shown(progress)}")
     pool = parsed(workers)  # at once, and not when the first outcome is asked for
     total = len(jobs) if isinstance(jobs, Sized) else None
-    return _counted(run_many(_Run(time_limit), jobs, pool), total, progress)
+    return _counted(_outcomes(_Run(time_limit), jobs, pool), total, progress)
 
 
 @dataclass(frozen=True)
@@ -161,80 +162,14 @@ class _Run:
         return job.run(self.time_limit)
 
 
-def run_many(
-    task: Callable[[Job], Answer], jobs: Iterable[Job], workers: Workers
-) -> Iterator[tuple[Job, Answer | Exception]]:
-    """The task's answer for each job, or the exception, in the order of the jobs."""
-    with _pool(workers) as pool:
-        if pool is None:
-            with _Apart() as apart:
-                for job in map(_checked, jobs):
-                    yield job, _settled(partial(apart.run, task, job))
-            return
-        for job, future in _ahead(task, map(_checked, jobs), pool):
-            yield job, _settled(partial(waited_for, future, pool))
+def may_end(job: Job) -> bool:
+    """Whether a job reads a file whose library may end the process."""
+    return any(may_end_process(path) for path in job.data if _is_path(path))
 
 
-def _ahead(task: Callable[[Job], Answer], jobs: Iterator[Job], pool: Executor) -> Iterator[tuple[Job, Future[Answer]]]:
-    pending: deque[tuple[Job, Future[Answer]]] = deque()
-    ahead = 2 * width_of(pool)
-    try:
-        for job in jobs:
-            pending.append((job, pool.submit(task, job)))
-            while pending and (len(pending) >= ahead or pending[0][1].done()):
-                yield pending.popleft()
-        while pending:
-            yield pending.popleft()
-    finally:
-        for _, future in pending:
-            future.cancel()
-
-
-class _Apart:
-    """Runs jobs in this process, except those of files whose libraries can end it: these, if it can be, in another."""
-
-    def __init__(self) -> None:
-        self._pool: WorkerProcesses | None = None
-
-    def __enter__(self) -> _Apart:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
-
-    def run(self, task: Callable[[Job], Answer], job: Job) -> Answer:
-        if not any(may_end_process(path) for path in job.data if _is_path(path)) or not can_spawn((task, job)):
-            return task(job)
-        self._pool = self._pool or WorkerProcesses(1)
-        answer: Answer = self._pool.submit(task, job).result()
-        return answer
-
-
-def _settled(answer: Callable[[], Answer]) -> Answer | Exception:
-    try:
-        return answer()
-    except (CannotStart, BrokenExecutor):
-        raise
-    except Exception as error:
-        return error
-
-
-@contextmanager
-def _pool(workers: Workers) -> Iterator[Executor | None]:
-    """None for the calling process."""
-    count = parsed(workers)
-    if isinstance(count, Executor):
-        yield count
-        return
-    if count == 1:
-        yield None
-        return
-    pool = WorkerProcesses(count)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+def _outcomes(run: _Run, jobs: Iterable[Job], workers: Workers) -> Iterator[tuple[Job, Outcome]]:
+    with pool_of(workers) as pool:
+        yield from run_many(run, map(_checked, jobs), pool, apart=may_end)
 
 
 def _counted(
@@ -249,6 +184,7 @@ def _counted(
 def _checked(job: Job) -> Job:
     if not isinstance(job, Job):
         raise TypeError(f"jobs must hold objects of nonsac.Job, got {type(job).__name__}")
+    job.compile()
     return job
 
 

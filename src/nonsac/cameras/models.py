@@ -139,3 +139,8 @@ def checked_parameters(model: str, params: ArrayLike) -> tuple[float, ...]:
         if name in _RANGES and not _RANGES[name][0](number):
             raise ValueError(f"{name} is {number}; expected {_RANGES[name][1]}")
     return tuple(numbers.tolist())
+
+
+def model_number(model: str) -> int:
+    """COLMAP's own number of a model; a KeyError if there is none of this name."""
+    return {name: number for number, (name, _) in _MODELS.items()}[model]

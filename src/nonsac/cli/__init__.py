@@ -14,6 +14,7 @@ import typer
 
 # The rest of nonsac is imported where it is needed: `--help` and a mistyped option answer at once.
 from nonsac.cli.batch import batch
+from nonsac.cli.localize import localize
 from nonsac.cli.messages import to_stderr, to_stdout
 from nonsac.cli.planning import plan
 from nonsac.cli.poses import absolute_pose, relative_pose
@@ -22,6 +23,7 @@ from nonsac.cli.reproduce import section5, table2, table4
 from nonsac.cli.simulate import simulate
 from nonsac.cli.streams import unbroken_streams
 from nonsac.cli.termination import Terminated, termination_raised
+from nonsac.cli.verify import verify
 from nonsac.cli.warmup import warmup
 
 # Click's own type, which newer versions of typer carry inside themselves.
@@ -35,7 +37,19 @@ _SETTINGS: dict[str, Any] = {
     "context_settings": {"help_option_names": ["--help", "-h"]},
 }
 app = typer.Typer(help="Robust geometric estimation from data too large or too dirty for anything else.", **_SETTINGS)
-commands = (register_clouds, register_pairs, relative_pose, absolute_pose, batch, plan, simulate, demo, warmup)
+commands = (
+    register_clouds,
+    register_pairs,
+    relative_pose,
+    absolute_pose,
+    batch,
+    verify,
+    localize,
+    plan,
+    simulate,
+    demo,
+    warmup,
+)
 for command in commands:
     app.command()(command)
 reproduce = typer.Typer(help="Run the paper's experiments.", add_completion=False, **_SETTINGS)

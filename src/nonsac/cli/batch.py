@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections import Counter
 from collections.abc import Iterator
 from enum import StrEnum
@@ -13,30 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from nonsac.calls.registry import CALLS
+from nonsac.cli.batch_run import FACTS, BatchRun
 from nonsac.cli.messages import to_stderr
 from nonsac.cli.options import Quiet, positive
 from nonsac.cli.session import session
 from nonsac.files.identity import identity_of
 
 if TYPE_CHECKING:
-    from nonsac.calls.jobs import Job
     from nonsac.cli.manifest import Manifest
     from nonsac.running.journal import Journal
 
 _SUFFIXES = (".jsonl", ".parquet")
-_FACTS = (
-    "success",
-    "status",
-    "confidence",
-    "T",
-    "scale",
-    "model",
-    "num_inliers",
-    "num_rows",
-    "inlier_ratio",
-    "noise",
-    "threshold",
-)
 
 
 CallName = StrEnum("CallName", {call.name: call.command for call in CALLS.values()})  # type: ignore[misc]
@@ -83,21 +69,16 @@ def batch(
     _check_output(manifest, output)
     _check_progress(output, journal, resume, overwrite)
     with session(quiet, "pairs") as progress:
-        from nonsac.calls import jobs as many
         from nonsac.cli.manifest import Manifest
+        from nonsac.running.many import pool_of
 
         pairs = Manifest.read(manifest, call)
         _check_inputs(output, pairs)
         if time_limit is not None and "register-clouds" in pairs.calls:
             to_stderr("register-clouds takes no time limit: its pairs run to their end")
-        with _open(journal, pairs, time_limit, resume) as kept:
+        with _open(journal, pairs, time_limit, resume) as kept, pool_of(workers) as pool:
             try:
-                missing = [number for number in range(pairs.count) if number not in kept]
-                jobs = (job for number, job in enumerate(pairs.jobs()) if number not in kept)
-                outcomes = many.run_many(_Summarise(time_limit), jobs, workers)
-                for number, (job, line) in zip(missing, outcomes, strict=True):
-                    kept.add(number, line if isinstance(line, dict) else _failure(job, line))
-                    progress(kept.count, pairs.count)
+                BatchRun(pairs, kept, pool, time_limit, progress).complete()
             except BaseException:
                 to_stderr(f"{kept.count} of {pairs.count} pairs are kept in {journal}; --resume goes on there")
                 raise
@@ -166,36 +147,6 @@ def _open(path: Path, pairs: Manifest, time_limit: float | None, resume: bool) -
     return Journal(path, settings, resume, "pairs", check)
 
 
-# --- what is written for a pair ------------------------------------------------------------
-
-
-class _Summarise:
-    """Runs a job where it is sent to, and brings back what is to be written: no rows, no hypotheses, no times."""
-
-    def __init__(self, time_limit: float | None) -> None:
-        self.time_limit = time_limit
-
-    def __call__(self, job: Job) -> dict[str, Any]:
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always", UserWarning)
-            result = job.run(self.time_limit).to_dict()
-        remarks = [str(warning.message) for warning in told if warning.category is UserWarning]
-        facts = {fact: result.get(fact) for fact in _FACTS}
-        return _named(job) | facts | {"remarks": [*result["info"].get("remarks", []), *remarks], "error": None}
-
-
-def _failure(job: Job, error: Exception) -> dict[str, Any]:
-    """What is written of a pair that could not be run; it is said at once, too."""
-    message = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-    to_stderr(f"{job.name}: failed: {message}")
-    nothing = dict.fromkeys(_FACTS) | {"success": False}
-    return _named(job) | nothing | {"remarks": [], "error": " ".join(message.split())}
-
-
-def _named(job: Job) -> dict[str, Any]:
-    return {"name": job.name, "call": job.call.replace("_", "-")}
-
-
 # --- the whole -----------------------------------------------------------------------------
 
 
@@ -236,7 +187,7 @@ def _write_parquet(path: Path, records: Iterator[dict[str, Any]]) -> None:
         "num_rows": pa.int64(),
         "remarks": pa.list_(pa.string()),
     }
-    names = ("name", "call", *_FACTS, "remarks", "error")
+    names = ("name", "call", *FACTS, "remarks", "error")
     schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in names])
     with ParquetWriter(path, schema) as writer:
         while some := list(islice(records, 10_000)):

@@ -34,14 +34,15 @@ def columns_of(call: Call) -> tuple[str, ...]:
 
 _SET_HERE = ("workers",)
 _BY_COMMAND = {call.command: call for call in CALLS.values()}
-_COLUMNS = ("name", "call", *dict.fromkeys(column for call in CALLS.values() for column in columns_of(call)))
+_COLUMNS = ("name", "call", "scene", *dict.fromkeys(column for call in CALLS.values() for column in columns_of(call)))
 
 
 @dataclass(frozen=True)
 class Manifest:
     """Jobs in a file: CSV with a header, or JSON lines.
 
-    Every row is checked when this is made, and read again as its job is needed.
+    Every row is checked when this is made, and read again as its job is needed. `scenes` are those of rows that name
+    one, and no noise, by their numbers.
     """
 
     path: Path
@@ -49,26 +50,29 @@ class Manifest:
     count: int
     digest: str
     calls: frozenset[str]
+    scenes: dict[int, str]
 
     @classmethod
     def read(cls, path: Path, call: str | None) -> Manifest:
         """Check all rows; a ValueError names the line that is wrong, and how."""
-        jobs = list(map(_call_of, _jobs(path, call)))
-        if not jobs:
+        scenes, calls, count = {}, set(), 0
+        for number, (job, scene) in enumerate(_jobs(path, call)):
+            calls.add(job.call.replace("_", "-"))
+            count += 1
+            if scene and "noise" not in job.settings:
+                scenes[number] = scene
+        if not count:
             raise ValueError(f"{path}: holds no pairs; write one in each line")
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return cls(path, call, len(jobs), digest, frozenset(jobs))
+        return cls(path, call, count, digest, frozenset(calls), scenes)
 
     def jobs(self) -> Iterator[Job]:
-        return _jobs(self.path, self.call)
+        return (job for job, _ in _jobs(self.path, self.call))
 
 
-def _call_of(job: Job) -> str:
-    return job.call.replace("_", "-")
-
-
-def _jobs(path: Path, call: str | None) -> Iterator[Job]:
+def _jobs(path: Path, call: str | None) -> Iterator[tuple[Job, str]]:
+    """The job of each row, and its scene, if it names one."""
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(f"{path}: a manifest is {' or '.join(_SUFFIXES)}; end the name in one of these")
@@ -112,7 +116,7 @@ def _json_rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
             yield line, {name: "" if cell is None else str(cell) for name, cell in row.items()}
 
 
-def _job(row: dict[str, str], folder: Path, default: str | None, number: str) -> Job:
+def _job(row: dict[str, str], folder: Path, default: str | None, number: str) -> tuple[Job, str]:
     from nonsac.calls.jobs import Job
 
     cells = {name.strip().replace("-", "_"): cell.strip() for name, cell in row.items()}
@@ -120,6 +124,7 @@ def _job(row: dict[str, str], folder: Path, default: str | None, number: str) ->
         raise ValueError(f"there is no column {unknown[0]!r}; the columns are {', '.join(_COLUMNS)}")
     given = {name: cell for name, cell in cells.items() if cell}
     name, call = given.pop("name", number), given.pop("call", default or "").replace("_", "-")
+    scene = given.pop("scene", "")
     if call not in _BY_COMMAND:
         needs = (
             f"the call {call!r} is none of"
@@ -128,13 +133,15 @@ def _job(row: dict[str, str], folder: Path, default: str | None, number: str) ->
         )
         raise ValueError(f"{needs} {', '.join(_BY_COMMAND)}")
     chosen = _BY_COMMAND[call]
+    if scene and "noise" not in chosen.settings:
+        raise ValueError(f"{call} is given no noise, so that there is none to share: leave its 'scene' empty")
     if missing := [file for file in chosen.files if file not in given]:
         raise ValueError(f"{call} needs a file in the column {missing[0]!r}")
     if wrong := [column for column in given if column not in columns_of(chosen)]:
         raise ValueError(f"{call} has no {wrong[0]!r}; it has {', '.join(columns_of(chosen))}")
     files = [str(folder / given.pop(file)) for file in (*chosen.files, *chosen.more_files) if file in given]
     settings = {chosen.texts.get(column, column): _cell(chosen, column, text, folder) for column, text in given.items()}
-    return Job(chosen.name, *files, name=name, **settings)
+    return Job(chosen.name, *files, name=name, **settings), scene
 
 
 def _cell(call: Call, column: str, text: str, folder: Path) -> Any:

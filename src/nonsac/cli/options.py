@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def takes_settings(name: str, before: str, helps: Mapping[str, str] | None = None) -> Callable[[Command], Command]:
+def takes_settings(
+    name: str, before: str, helps: Mapping[str, str] | None = None, initial: Mapping[str, str] | None = None
+) -> Callable[[Command], Command]:
     """Gives a command an option for each setting of a call; it gets their values as keyword arguments.
 
     Parameters
@@ -31,6 +33,8 @@ def takes_settings(name: str, before: str, helps: Mapping[str, str] | None = Non
         The parameter of the command that the options are shown before.
     helps : dict, optional
         What some options do, if it is to be said in another way than by the setting.
+    initial : dict, optional
+        What some are if they are not given, as text, if it differs from the call's.
     """
     call = CALLS[name]
 
@@ -39,7 +43,7 @@ def takes_settings(name: str, before: str, helps: Mapping[str, str] | None = Non
         own = [p for p in inspect.signature(command).parameters.values() if p.kind is not p.VAR_KEYWORD]
         own = [p.replace(annotation=hints[p.name], kind=p.KEYWORD_ONLY) for p in own]
         place = [p.name for p in own].index(before)
-        options = [_option(call, setting, helps or {}) for setting in call.texts.values()]
+        options = [_option(call, setting, helps or {}, initial or {}) for setting in call.texts.values()]
         signature = inspect.Signature([*own[:place], *options, *own[place:]])
         command.__signature__ = signature  # type: ignore[attr-defined]
         return command
@@ -47,9 +51,9 @@ def takes_settings(name: str, before: str, helps: Mapping[str, str] | None = Non
     return decorated
 
 
-def _option(call: Call, setting: str, helps: Mapping[str, str]) -> inspect.Parameter:
+def _option(call: Call, setting: str, helps: Mapping[str, str], initial: Mapping[str, str]) -> inspect.Parameter:
     """The option of a setting: text, which is checked and read as the call's own manifest would be."""
-    description, default = call.settings[setting], initial_of(call, setting)
+    description, default = call.settings[setting], initial.get(setting, initial_of(call, setting))
     option = typer.Option(
         "--" + (description.option or setting).replace("_", "-"),
         callback=lambda text: None if text is None else _read(call, setting, text),

@@ -114,3 +114,38 @@ def _text_suffix(path: Path) -> None:
     others = {*READERS, ".png", ".pdf", ".svg", ".parquet", ".h5", ".db"} - set(TEXT_SUFFIXES)
     if path.suffix.lower() in others:
         raise ValueError(f"{path}: T is written as text; end the name in .txt")
+
+
+def check_report(report: Path | None, others: Iterable[Path | None], plot: Path | None = None) -> None:
+    """Refuse to write lines and pictures of many pairs over another file, and unknown suffixes, before the work."""
+    from nonsac.files.atomic import check_target
+    from nonsac.plot import picture_suffix
+
+    taken = {identity_of(path) for path in others if path is not None}
+    checks: tuple[tuple[str, Path | None, Callable[[Path], object]], ...] = (
+        ("--report", report, _lines_suffix),
+        ("--plot", plot, picture_suffix),
+    )
+    for option, path, check in checks:
+        if path is None:
+            continue
+        try:
+            check(path)
+            check_target(path)
+        except ValueError as error:
+            raise typer.BadParameter(str(error), param_hint=repr(option)) from error
+        if identity_of(path) in taken:
+            raise typer.BadParameter(f"{path} is used already", param_hint=repr(option))
+        taken.add(identity_of(path))
+
+
+def tell_of_rest(target: Path) -> None:
+    """Say where what was done is kept."""
+    rest = target.with_name(target.name + ".partial")
+    if rest.exists():
+        to_stderr(f"what is done is kept in {rest}; --resume goes on there")
+
+
+def _lines_suffix(path: Path) -> None:
+    if path.suffix.lower() != ".jsonl":
+        raise ValueError(f"{path}: they are written as lines of JSON; end the name in .jsonl")

@@ -1,7 +1,8 @@
 """Find cameras, images and points in the .bin files of a COLMAP model."""
 
 import struct
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -44,17 +45,32 @@ def find_image(path: FilePath, image: str | int) -> ModelImage:
     InputError
         If the file cannot be read, is truncated or damaged, or does not hold the image.
     """
-    file = _Bytes(path)
     names = []
+    for number, name, read in _images(path):
+        if image in (number, name):
+            return read()
+        names.append(name if isinstance(image, str) else str(number))
+    raise not_held(path, f"image {image!r}", names)
+
+
+def all_images(path: FilePath) -> Iterator[tuple[str, ModelImage]]:
+    """All images of images.bin with their names; it raises what `find_image` raises."""
+    return ((name, read()) for _, name, read in _images(path))
+
+
+def _images(path: FilePath) -> Iterator[tuple[int, str, Callable[[], ModelImage]]]:
+    """Numbers, names, and what reads the rest."""
+    file = _Bytes(path)
     for _ in range(file.count()):
         number, *pose, camera = file.take("<I7dI")
         name = file.text()
         observations = file.array(_OBSERVATION, file.count())
-        if image in (number, name):
-            xy, points = observations["xy"].astype(np.float64), observations["point"].astype(np.int64)
-            return ModelImage(camera, np.array(pose[:4]), np.array(pose[4:]), xy, points)
-        names.append(name if isinstance(image, str) else str(number))
-    raise not_held(path, f"image {image!r}", names)
+        yield number, name, partial(_image, camera, pose, observations)
+
+
+def _image(camera: int, pose: list[float], observations: NDArray[Any]) -> ModelImage:
+    xy, points = observations["xy"].astype(np.float64), observations["point"].astype(np.int64)
+    return ModelImage(camera, np.array(pose[:4]), np.array(pose[4:]), xy, points)
 
 
 def find_points(path: FilePath, wanted: Collection[int]) -> dict[int, tuple[float, float, float]]:

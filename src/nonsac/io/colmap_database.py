@@ -1,13 +1,8 @@
 """Read the matches of COLMAP's database.db, and write the geometry of two views into it."""
 
-import os
-import re
 import sqlite3
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
 from functools import partial
-from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,25 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from nonsac.cameras.models import camera_dict, model_name, pinhole_matrix
 from nonsac.cameras.unreadable import camera_or_error, check_readable
-from nonsac.files.claims import size_of
-from nonsac.files.content import check_kind
-from nonsac.files.errors import FilePath, InputError, input_error, not_held
+from nonsac.files.errors import FilePath, input_error, not_held
+from nonsac.io.colmap_sqlite import damaged, open_database, unpack
 from nonsac.io.correspondences import Matches, Points
+from nonsac.io.two_view_geometry import MAX_IMAGES, TwoViewGeometry, pair_id, write_row
 from nonsac.values.arraylike import as_array
 from nonsac.values.checks import real_array
 from nonsac.values.numeric import as_whole, shown
 from nonsac.values.quiet import quiet
 
-# A constant of COLMAP: there can be no more images than this.
-_MAX_IMAGES = 2147483647
-_CALIBRATED = 2
-_SECONDS_TO_WAIT = 5.0
-_WAL = b"\x02\x02"
-_TABLES = ("cameras", "images", "keypoints", "matches", "two_view_geometries")
-_MAKES_TABLE = re.compile(r"\s*CREATE\s+TABLE\b", re.IGNORECASE)
-# Instructions of SQLite: a second or two.
-_STEP, _MOST_STEPS = 100_000, 1000
-_SHORTEST_LIMIT, _LONGEST_LIMIT = 1_000_000, 2**31 - 1
 _Image = str | int
 
 
@@ -67,13 +52,13 @@ def read_colmap_pair(path: FilePath, image1: _Image, image2: _Image) -> Matches:
 
 def pair_of_database(path: FilePath, image1: _Image, image2: _Image) -> Matches:
     """As `read_colmap_pair`, with an `UnreadableCamera` in place of a camera that cannot be read."""
-    with _open(path) as database:
+    with open_database(path) as database:
         numbers = _find_pair(path, database, image1, image2)
         camera1, camera2 = _find_cameras(path, database, numbers)
-        keypoints1, keypoints2 = (_read_keypoints(path, database, number) for number in numbers)
+        keypoints1, keypoints2 = (keypoints_of(path, database, number) for number in numbers)
         indices = _read_matches(path, database, numbers, f"{image1!r} and {image2!r}")
     if (indices.max(axis=0, initial=-1) >= (len(keypoints1), len(keypoints2))).any():
-        raise _damaged(path, "a match names a keypoint that is not there")
+        raise damaged(path, "a match names a keypoint that is not there")
     return Matches(keypoints1[indices[:, 0]], keypoints2[indices[:, 1]], None, camera1, camera2, indices)
 
 
@@ -109,16 +94,16 @@ def write_two_view_geometry(
         database of COLMAP, is locked or damaged, or does not hold the images.
     """
     for name, image in (("image1", image1), ("image2", image2)):
-        if not isinstance(image, str) and not 0 <= (as_whole(image) or 0) <= _MAX_IMAGES:
+        if not isinstance(image, str) and not 0 <= (as_whole(image) or 0) <= MAX_IMAGES:
             raise ValueError(f"{name} is {shown(image)}; expected the name or the number of an image")
         if not isinstance(image, str) and as_whole(image) is None:
             raise TypeError(f"{name} is {shown(image)}; expected the name or the number of an image")
     rotation, translation = _check_pose(path, transform)
     inliers = _check_inliers(path, matches)
-    with _open(path, write=True) as database:
+    with open_database(path, write=True) as database:
         numbers = _find_pair(path, database, image1, image2)
         for number, column in zip(numbers, inliers.T, strict=True):
-            count = len(_read_keypoints(path, database, number))
+            count = len(keypoints_of(path, database, number))
             if len(column) and column.max() >= count:
                 problem = f"a match names keypoint {column.max()} of image {number}, which has {count}"
                 raise input_error(path, problem, "number the keypoints as the database does, from 0")
@@ -126,7 +111,8 @@ def write_two_view_geometry(
             numbers, inliers = numbers[::-1], inliers[:, ::-1]
             rotation, translation = rotation.T, -rotation.T @ translation
         matrices = [_pinhole_matrix(path, database, number) for number in numbers]
-        _write_row(database, _pair_id(numbers), inliers, _geometry(rotation, translation, matrices))
+        geometry = TwoViewGeometry.of_pose(rotation, translation, matrices)
+        write_row(database, pair_id(numbers), inliers, geometry.columns())
 
 
 def _find_pair(path: FilePath, database: sqlite3.Connection, image1: _Image, image2: _Image) -> list[int]:
@@ -153,15 +139,15 @@ def _find_cameras(path: FilePath, database: sqlite3.Connection, numbers: Sequenc
     for number in numbers:
         row = database.execute("SELECT camera_id FROM images WHERE image_id = ?", (number,)).fetchone()
         if row is None:  # though it was found by its name
-            raise _damaged(path, f"its index does not find image {number}")
+            raise damaged(path, f"its index does not find image {number}")
         (shared,) = row
         if shared not in cameras:
-            cameras[shared] = camera_or_error(partial(_describe_camera, path, database, number))
+            cameras[shared] = camera_or_error(partial(described_camera, path, database, number))
         found.append(cameras[shared])
     return found
 
 
-def _describe_camera(path: FilePath, database: sqlite3.Connection, image: int) -> dict[str, Any]:
+def described_camera(path: FilePath, database: sqlite3.Connection, image: int) -> dict[str, Any]:
     return camera_dict(path, *_read_camera(path, database, image))
 
 
@@ -171,43 +157,29 @@ def _read_camera(path: FilePath, database: sqlite3.Connection, image: int) -> tu
         "SELECT model, width, height, params FROM cameras JOIN images USING (camera_id) WHERE image_id = ?", (image,)
     ).fetchone()
     if row is None:
-        raise _damaged(path, f"it lacks the camera of image {image}")
+        raise damaged(path, f"it lacks the camera of image {image}")
     *numbers, params = row
     if not all(isinstance(number, int) for number in numbers) or not isinstance(params, bytes) or len(params) % 8:
-        raise _damaged(path, f"the camera of image {image} is not valid")
+        raise damaged(path, f"the camera of image {image} is not valid")
     model, width, height = numbers
     return model_name(path, model), width, height, np.frombuffer(params, "<f8").tolist()
 
 
-def _read_keypoints(path: FilePath, database: sqlite3.Connection, image: int) -> Points:
+def keypoints_of(path: FilePath, database: sqlite3.Connection, image: int) -> Points:
     row = database.execute("SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image,)).fetchone()
     if row is None:
         raise input_error(path, f"holds no keypoints of image {image}", "extract its features first")
     # Besides x and y there may be scale and orientation, or an affine shape.
-    return np.array(_unpack(path, row, "<f4", f"the keypoints of image {image}")[:, :2], dtype=np.float64)
+    return np.array(unpack(path, row, "<f4", f"the keypoints of image {image}")[:, :2], dtype=np.float64)
 
 
 def _read_matches(path: FilePath, database: sqlite3.Connection, numbers: list[int], names: str) -> NDArray[np.int64]:
-    row = database.execute("SELECT rows, cols, data FROM matches WHERE pair_id = ?", (_pair_id(numbers),)).fetchone()
+    row = database.execute("SELECT rows, cols, data FROM matches WHERE pair_id = ?", (pair_id(numbers),)).fetchone()
     if row is None:
         raise input_error(path, f"holds no matches of {names}", "match these images first")
-    indices = _unpack(path, row, "<u4", f"the matches of {names}")[:, :2]
+    indices = unpack(path, row, "<u4", f"the matches of {names}")[:, :2]
     # The image of the smaller number comes first.
     return np.array(indices if numbers[0] < numbers[1] else indices[:, ::-1], dtype=np.int64)
-
-
-def _unpack(path: FilePath, row: tuple[Any, Any, Any], kind: str, what: str) -> NDArray[Any]:
-    rows, columns, data = row
-    if not rows:
-        return np.empty((0, 2), kind)
-    valid = isinstance(rows, int) and isinstance(columns, int) and isinstance(data, bytes) and columns >= 2
-    if not valid or rows * columns * np.dtype(kind).itemsize != len(data):
-        raise _damaged(path, f"the size of {what} is wrong")
-    return np.frombuffer(data, kind).reshape(rows, columns)
-
-
-def _pair_id(numbers: Sequence[int]) -> int:
-    return min(numbers) * _MAX_IMAGES + max(numbers)
 
 
 @quiet
@@ -253,101 +225,3 @@ def _pinhole_matrix(path: FilePath, database: sqlite3.Connection, image: int) ->
         problem = f"the camera of image {image} has the focal lengths {matrix[0, 0]:g} and {matrix[1, 1]:g}"
         raise input_error(path, problem, "write the right ones, in pixels, into the database first")
     return matrix
-
-
-@quiet
-def _geometry(rotation: Points, translation: Points, matrices: Sequence[Points | None]) -> dict[str, Any]:
-    """Return what COLMAP stores of a calibrated pair of views, by the names of its columns."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z = translation / np.linalg.norm(translation)
-    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
-    first, second = matrices
-    fundamental = None
-    if first is not None and second is not None:
-        fundamental = np.linalg.inv(second).T @ essential @ np.linalg.inv(first)
-    quaternion = np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
-    arrays = {"F": fundamental, "E": essential, "qvec": quaternion, "tvec": translation}
-    blobs = {name: None if array is None else array.astype("<f8").tobytes() for name, array in arrays.items()}
-    return {"config": _CALIBRATED, **blobs, "H": None}
-
-
-def _write_row(
-    database: sqlite3.Connection, pair_id: int, inliers: NDArray[np.int64], geometry: dict[str, Any]
-) -> None:
-    data = np.ascontiguousarray(inliers, dtype="<u4").tobytes()
-    row = {"pair_id": pair_id, "rows": len(inliers), "cols": 2, "data": data, **geometry}
-    # Older databases lack qvec and tvec, and some more.
-    there = {name for _, name, *_ in database.execute("PRAGMA table_info(two_view_geometries)")}
-    row = {name: value for name, value in row.items() if name in there or name not in geometry}
-    marks = ", ".join("?" * len(row))
-    statement = f"INSERT OR REPLACE INTO two_view_geometries ({', '.join(row)}) VALUES ({marks})"
-    database.execute(statement, tuple(row.values()))
-
-
-@contextmanager
-def _open(path: FilePath, write: bool = False) -> Iterator[sqlite3.Connection]:
-    """Open a database, for one transaction; what is raised within is undone, and told as an InputError."""
-    head = check_kind(path, "SQLite database")
-    mode = "rw" if write else "ro" + _immutable(path, head)
-    address = f"{Path(path).absolute().as_uri()}?mode={mode}"
-    try:
-        with closing(sqlite3.connect(address, _SECONDS_TO_WAIT, isolation_level=None, uri=True)) as database:
-            _distrust(path, database)
-            database.execute("BEGIN IMMEDIATE" if write else "BEGIN")
-            _check_tables(path, database)
-            yield database
-            database.execute("COMMIT")
-    # Numbers too large for SQLite, and names that are no text, are errors of Python's own.
-    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
-        raise _explain(path, error) from error
-
-
-def _distrust(path: FilePath, database: sqlite3.Connection) -> None:
-    """Let nothing in a database call functions, make blobs that are longer than it is, or compute for ever."""
-    database.execute("PRAGMA trusted_schema = OFF")
-    stored = sum(size_of(f"{os.fspath(path)}{suffix}") for suffix in ("", "-wal"))
-    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(max(stored, _SHORTEST_LIMIT), _LONGEST_LIMIT))
-    steps = count()
-    database.set_progress_handler(lambda: next(steps) >= _MOST_STEPS, _STEP)
-
-
-def _check_tables(path: FilePath, database: sqlite3.Connection) -> None:
-    """Check that the tables are tables: views, virtual tables and generated columns are programs."""
-    for name, kind, statement in database.execute("SELECT name, type, sql FROM sqlite_master"):
-        if kind in ("table", "view") and str(name).lower() in _TABLES and not _MAKES_TABLE.match(str(statement)):
-            raise _no_plain_table(path, name)
-    for table in _TABLES:
-        if any(row[-1] for row in database.execute(f"PRAGMA table_xinfo({table})")):  # hidden or generated
-            raise _no_plain_table(path, table)
-
-
-def _no_plain_table(path: FilePath, name: str) -> InputError:
-    problem = f"{str(name)[:40]!r} is no plain table, as COLMAP makes them"
-    return input_error(path, problem, "give a database that COLMAP itself has written")
-
-
-def _immutable(path: FilePath, head: bytes) -> str:
-    """Return the option that lets SQLite read a database without writing anything beside it, if that is safe."""
-    # In WAL mode, which COLMAP uses, even a reader leaves files beside the database, unless told that nobody else
-    # has it open; then the file with the suffix -wal is missing.
-    alone = head[18:20] == _WAL and not Path(f"{os.fspath(path)}-wal").exists()
-    return "&immutable=1" if alone else ""
-
-
-def _explain(path: FilePath, error: Exception) -> InputError:
-    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-    if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-        return input_error(path, "the database is locked by another program", "wait until it is done, or close it")
-    if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
-        return input_error(path, f"cannot be opened or written ({error})", "check the folder and its free space")
-    if code in (sqlite3.SQLITE_INTERRUPT, sqlite3.SQLITE_TOOBIG):
-        problem = f"asks for more than a database of COLMAP would ({error})"
-        return input_error(path, problem, "give a database that COLMAP itself has written")
-    if code == sqlite3.SQLITE_ERROR:
-        return input_error(path, f"is no database of COLMAP ({error})", "give the database.db of COLMAP 3 or later")
-    return _damaged(path, str(error))
-
-
-def _damaged(path: FilePath, problem: str) -> InputError:
-    return input_error(path, f"the database is truncated or damaged ({problem})", "copy it again")

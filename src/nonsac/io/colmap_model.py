@@ -3,6 +3,7 @@
 import os
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -46,8 +47,7 @@ def read_colmap_points(folder: FilePath, image: str | int) -> PointMatches:
 
 def points_of_model(folder: FilePath, image: str | int) -> PointMatches:
     """As `read_colmap_points`, with an `UnreadableCamera` in place of a camera that cannot be read."""
-    place, suffix = _find_model(folder)
-    reader = _READERS[suffix]
+    reader, place, suffix = find_model(folder)
     found = reader.find_image(place / f"images{suffix}", image)
     camera = camera_or_error(partial(reader.find_camera, place / f"cameras{suffix}", found.camera))
     has_point = found.points >= 0
@@ -83,9 +83,9 @@ def read_colmap_pose(folder: FilePath, image: str | int) -> Points:
     """
     from scipy.spatial.transform import Rotation
 
-    place, suffix = _find_model(folder)
+    reader, place, suffix = find_model(folder)
     path = place / f"images{suffix}"
-    found = _READERS[suffix].find_image(path, image)
+    found = reader.find_image(path, image)
     pose = np.eye(4)
     pose[:3, 3] = found.translation
     length = np.linalg.norm(found.quaternion)
@@ -96,13 +96,13 @@ def read_colmap_pose(folder: FilePath, image: str | int) -> Points:
     return pose
 
 
-def _find_model(path: FilePath) -> tuple[Path, str]:
-    """Return the folder of a model and the suffix of its files, given the folder or one of the files."""
+def find_model(path: FilePath) -> tuple[ModuleType, Path, str]:
+    """Return what reads a model, its folder and the suffix of its files, given the folder or one of the files."""
     given = Path(path)
     status_of(path)
     folder, suffixes = (given, tuple(_READERS)) if os.path.isdir(given) else (given.parent, (given.suffix,))
     for suffix in suffixes:
         if suffix in _READERS and os.path.isfile(folder / f"images{suffix}"):
-            return folder, suffix
+            return _READERS[suffix], folder, suffix
     problem = "is no model of COLMAP: there is no images.bin or images.txt"
     raise input_error(path, problem, "give the folder of a sparse model, such as sparse/0")

@@ -1,6 +1,7 @@
 """Find cameras, images and points in the .txt files of a COLMAP model."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,20 @@ def find_image(path: FilePath, image: str | int) -> ModelImage:
         If the file cannot be read, is truncated or damaged, or does not hold the image.
     """
     names = []
+    for number, name, read in _images(path):
+        if image in (number, name):
+            return read()
+        names.append(name if isinstance(image, str) else str(number))
+    raise not_held(path, f"image {image!r}", names)
+
+
+def all_images(path: FilePath) -> Iterator[tuple[str, ModelImage]]:
+    """All images of images.txt with their names; it raises what `find_image` raises."""
+    return ((name, read()) for _, name, read in _images(path))
+
+
+def _images(path: FilePath) -> Iterator[tuple[int, str, Callable[[], ModelImage]]]:
+    """Numbers, names, and what reads the rest."""
     # The second line, which may be blank, holds what the image shows.
     for line_number, (line, *second) in _rows(path, 2):
         try:
@@ -59,12 +74,19 @@ def find_image(path: FilePath, image: str | int) -> ModelImage:
             quaternion, translation = np.split(np.array(pose, dtype=np.float64), [4])
             if len(pose) != _FIELDS_OF_POSE:
                 raise ValueError
-            if image in (int(number), name):
-                return ModelImage(int(camera), quaternion, translation, *_parse_observations(second))
+            known = int(number), int(camera)
         except (OverflowError, ValueError):
             raise _invalid(path, line_number) from None
-        names.append(name if isinstance(image, str) else number)
-    raise not_held(path, f"image {image!r}", names)
+        yield known[0], name, partial(_image, path, line_number, known[1], quaternion, translation, second)
+
+
+def _image(
+    path: FilePath, line_number: int, camera: int, quaternion: Points, translation: Points, second: Sequence[str]
+) -> ModelImage:
+    try:
+        return ModelImage(camera, quaternion, translation, *_parse_observations(second))
+    except (OverflowError, ValueError):
+        raise _invalid(path, line_number) from None
 
 
 def find_points(path: FilePath, wanted: Collection[int]) -> dict[int, tuple[float, float, float]]:

@@ -1,7 +1,9 @@
 """Read the matches between two images from the HDF5 files of hloc, and from those of DISK, kornia and others."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,16 +45,42 @@ def read_hloc(features: FilePath, matches: FilePath, image1: str, image2: str) -
         If h5py is missing, a file cannot be read, is no HDF5 file, is truncated or damaged, does not hold the
         images or the pair, or the files do not fit each other.
     """
-    with open_hdf5(features, *_NEEDS) as file:
-        keypoints = [_read_keypoints(features, file, image) for image in (image1, image2)]
-    with open_hdf5(matches, *_NEEDS) as file:
-        stored, swapped = _read_pair(matches, file, image1, image2)
-    counts = [len(points) for points in (keypoints[::-1] if swapped else keypoints)]
-    if {*stored.of_first} - {counts[0]} or (stored.indices.max(axis=0, initial=-1) >= counts).any():
-        raise input_error(matches, f"does not fit the keypoints in {features}", "give those it was computed from")
-    indices = np.array(stored.indices[:, ::-1] if swapped else stored.indices, dtype=np.int64)
-    points1, points2 = keypoints[0][indices[:, 0]], keypoints[1][indices[:, 1]]
-    return Matches(points1, points2, stored.weights, indices=indices)
+    with HlocFiles.open(features, matches) as files:
+        return files.read(image1, image2)
+
+
+@dataclass(frozen=True, eq=False)
+class HlocFiles:
+    """Features and matches that are open."""
+
+    names: tuple[FilePath, FilePath]
+    features: Any
+    matches: Any
+
+    @classmethod
+    @contextmanager
+    def open(cls, features: FilePath, matches: FilePath) -> Iterator[Self]:
+        """Open both files; raises what `read_hloc` raises."""
+        with open_hdf5(features, *_NEEDS) as of_images, open_hdf5(matches, *_NEEDS) as of_pairs:
+            yield cls((features, matches), of_images, of_pairs)
+
+    def keypoints(self, image: str) -> Points:
+        """Those of an image (n, 2), as they are stored."""
+        return _read_keypoints(self.names[0], self.features, image)
+
+    def read(self, image1: str, image2: str) -> Matches:
+        """What `read_hloc` reads."""
+        return self.matched(image1, image2, self.keypoints(image1), self.keypoints(image2))
+
+    def matched(self, image1: str, image2: str, points1: Points, points2: Points) -> Matches:
+        """The same for keypoints that were read before."""
+        features, matches = self.names
+        stored, swapped = _read_pair(matches, self.matches, image1, image2)
+        counts = [len(points) for points in ((points2, points1) if swapped else (points1, points2))]
+        if {*stored.of_first} - {counts[0]} or (stored.indices.max(axis=0, initial=-1) >= counts).any():
+            raise input_error(matches, f"does not fit the keypoints in {features}", "give those it was computed from")
+        indices = np.array(stored.indices[:, ::-1] if swapped else stored.indices, dtype=np.int64)
+        return Matches(points1[indices[:, 0]], points2[indices[:, 1]], stored.weights, indices=indices)
 
 
 @dataclass(frozen=True)

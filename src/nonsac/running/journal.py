@@ -6,7 +6,7 @@ import json
 import os
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -99,10 +99,10 @@ class Journal:
         self._write(line)
         self._content.add(position, line)
 
-    def records(self) -> Iterator[Any]:
-        """All records by their positions, read from the file one by one."""
+    def records(self, positions: Iterable[int] | None = None) -> Iterator[Any]:
+        """The records of some positions, or all by their positions, read from the file one by one."""
         with self.path.open("rb") as file:
-            for position in sorted(self._content.places):
+            for position in sorted(self._content.places) if positions is None else positions:
                 file.seek(self._content.places[position])
                 yield json.loads(file.readline())[1]
 

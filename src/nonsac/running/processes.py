@@ -15,7 +15,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-__all__ = ["CannotStart", "WorkerDied", "WorkerProcesses", "can_spawn", "end_with_parent"]
+__all__ = ["CannotStart", "WorkerDied", "WorkerProcesses", "can_spawn", "end_with_parent", "portable"]
 
 _ATTEMPTS = 2
 _PATIENCE = 1.0  # seconds, between the end of a pipe and that of its process
@@ -178,10 +178,10 @@ def _answer(message: bytes) -> bytes:
         task, arguments, named = pickle.loads(message)
         return pickle.dumps((True, task(*arguments, **named)))
     except Exception as error:
-        return pickle.dumps((False, _portable(error)))
+        return pickle.dumps((False, portable(error)))
 
 
-def _portable(error: Exception) -> Exception:
+def portable(error: Exception) -> Exception:
     """The error itself, if it survives the journey."""
     try:
         return pickle.loads(pickle.dumps(error))

@@ -97,3 +97,16 @@ def file_name(name: str, path: Any) -> str:
     if not path:
         raise ValueError(f"{name} is empty; expected the name of a file")
     return path
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False.
+
+    Raises
+    ------
+    TypeError
+        If it is something else.
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} is {shown(value)}; expected True or False")
+    return bool(value)
