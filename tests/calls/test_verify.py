@@ -99,6 +99,9 @@ def test_colmap_reads_what_is_written_and_maps_it(scene, verified, tmp_path):
     images = sorted(model.images.values(), key=lambda image: image.name)
     centres = np.array([image.projection_center() for image in images])
     true = np.array([-pose[:, :3].T @ pose[:, 3] for pose in photos.poses])
+    if hasattr(pycolmap, "global_mapping"):  # GLOMAP, from version 4 on
+        [of_glomap] = pycolmap.global_mapping(tmp_path / output.name, tmp_path, tmp_path).values()
+        assert of_glomap.num_reg_images() == len(photos.poses)
     aligned = nonsac.register_pairs(centres, true, scale=None, noise=0.01)
     assert np.linalg.norm(aligned.apply(centres) - true, axis=1).max() < 0.02  # the cameras are 4 from the scene
 
@@ -264,6 +267,18 @@ def test_planar_with_two_poses(tmp_path, rng):
     check_homography(row, a, b)
 
 
+def test_a_plane_that_faces_the_camera(tmp_path, rng):
+    """As far as the images tell, it might be a rotation with another focal length."""
+    points = np.column_stack([rng.uniform(-1.6, 1.6, (200, 2)), np.full(200, 5.0)])
+    a, b = seen(points, np.eye(3), np.zeros(3), rng), seen(points, TURN, np.array([0.3, 0.0, 0.0]), rng)
+    pair, row, _ = pair_of(tmp_path, *with_outliers(a, b, rng))
+    assert (pair.configuration, pair.status, pair.kept) == ("planar_or_panoramic", "degenerate", True)
+    assert any("with a focal length" in remark for remark in pair.remarks)
+    assert (row["config"], row["qvec"], row["tvec"]) == (Configuration.PLANAR_OR_PANORAMIC, None, None)
+    assert 195 <= pair.num_inliers == row["rows"] <= 205
+    check_homography(row, a, b)
+
+
 def test_watermark(tmp_path, rng):
     """The same signature at the edge of two photos that show different things."""
     mark = rng.uniform((20, 700), (400, 780), (80, 2))
@@ -321,7 +336,10 @@ def test_homography(rng):
     H = np.array([[1.1, 0.1, 30], [-0.05, 0.9, -20], [1e-4, -2e-4, 1]])
     points = rng.uniform(0, 1000, (30, 2))
     moved = np.column_stack([points, np.ones(30)]) @ H.T
-    np.testing.assert_allclose(homography_of(points, moved[:, :2] / moved[:, 2:]), H, rtol=1e-6, atol=1e-9)
+    moved = moved[:, :2] / moved[:, 2:]
+    np.testing.assert_allclose(homography_of(points, moved), H, rtol=1e-6, atol=1e-9)
+    moved[:4] += 200.0
+    np.testing.assert_allclose(homography_of(points, moved), H, rtol=1e-6, atol=1e-9)
     assert homography_of(points[:3], points[:3]) is None
 
 
@@ -354,6 +372,31 @@ def test_a_database_that_is_locked_or_read_only(scene, tmp_path, monkeypatch):
             nonsac.verify(copy, copy, workers=1)
         other.execute("ROLLBACK")
     assert rows_of(copy) == {}
+
+
+def test_a_database_that_another_program_has_open(scene, verified, tmp_path):
+    """In the mode that COLMAP uses, changes lie in a file beside it."""
+    copy = tmp_path_copy(scene[0], tmp_path)
+    with closing(sqlite3.connect(copy)) as other:
+        other.execute("PRAGMA journal_mode=WAL")
+        with other:
+            other.execute("UPDATE images SET name = 'new.jpg' WHERE image_id = 9")
+        found = nonsac.verify(copy, tmp_path / "out.db", workers=1)
+        assert {p.image2 for p in found.pairs if not p.image2[0].isdecimal()} == {"new.jpg"}
+        assert len(rows_of(tmp_path / "out.db")) == 36
+        assert nonsac.verify(copy, copy, workers=1) == found
+        assert other.execute("SELECT count(*) FROM two_view_geometries").fetchone() == (36,)
+    assert sorted(os.listdir(tmp_path)) == [copy.name, "out.db"]
+
+
+def test_a_dask_cluster_writes_the_same_bytes(scene, verified, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        nonsac.verify(scene[0], tmp_path / "out.db", workers=client)
+    assert (tmp_path / "out.db").read_bytes() == verified[1].read_bytes()
 
 
 def test_matches_that_change_meanwhile(scene, tmp_path):

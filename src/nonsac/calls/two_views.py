@@ -19,7 +19,7 @@ from nonsac.values.quiet import quiet
 # Of COLMAP's default settings: of the diagonal; of the inliers; pixels.
 _BORDER, _IN_BORDER, _SHIFTED_ALIKE, _SHIFT_ERROR = 0.1, 0.7, 0.7, 4.0
 _AT_INFINITY = np.zeros(3)
-_FEWEST_OF_HOMOGRAPHY = 4
+_FEWEST_OF_HOMOGRAPHY, _ROUNDS, _ABOUT_AS_WELL = 4, 6, 3.0
 
 
 class View(NamedTuple):
@@ -34,7 +34,8 @@ def view_of(result: Result, matches: Matches, cameras: tuple[Camera, Camera]) ->
     """The geometry of two views that a result shows, without inliers if it is not to be trusted.
 
     What is trusted is the kind of geometry. A pure rotation has no baseline, so that the result is degenerate, but it
-    is a panorama; a plane allows a second pose, so that the result may be ambiguous, but its homography is known. What
+    is a panorama; a plane allows a second pose, so that the result may be ambiguous, but its homography is known. A
+    rotation that explains all if the focal length were another one may be a plane that faces the camera as well. What
     pose it has is then left out.
     """
     chosen, inliers = _configuration(result), result.inliers
@@ -50,6 +51,8 @@ def view_of(result: Result, matches: Matches, cameras: tuple[Camera, Camera]) ->
     homography = None
     if chosen is not Configuration.CALIBRATED:
         homography = homography_of(matches.points1[inliers], matches.points2[inliers])
+    if chosen is Configuration.PLANAR_OR_PANORAMIC and homography is not None:
+        inliers = _transfer_errors(homography, matches.points1, matches.points2) < result.threshold
     found = TwoViewGeometry.of_pose(rotation, translation, matrices, chosen, homography)
     if chosen is Configuration.PANORAMIC:
         found = TwoViewGeometry(chosen, found.E, found.F, homography, rotation, np.zeros(3))
@@ -66,7 +69,8 @@ def _configuration(result: Result) -> Configuration:
         return Configuration.PANORAMIC
     if Remark.PLANAR in remarks and status is Status.AMBIGUOUS:
         return Configuration.PLANAR
-    if Remark.PLANAR in remarks and status is Status.UNCERTAIN:
+    is_flat = Remark.PLANAR in remarks and status is Status.UNCERTAIN
+    if is_flat or (status is Status.DEGENERATE and any(r.startswith(f"{Remark.PURE_ROTATION}: ") for r in remarks)):
         return Configuration.PLANAR_OR_PANORAMIC
     is_undecided = status in (Status.AMBIGUOUS, Status.UNCERTAIN, Status.TIME_LIMIT)
     return Configuration.UNDEFINED if is_undecided else Configuration.DEGENERATE
@@ -83,12 +87,29 @@ def _turn(result: Result, matches: Matches, cameras: tuple[Camera, Camera]) -> t
 
 
 def homography_of(points1: Array, points2: Array) -> Array | None:
-    """The homography x2 ~ H x1 of points (n, 2), by the normalised direct linear transformation; None of fewer than 4.
+    """The homography x2 ~ H x1 that most of the points (n, 2) fit best; None of fewer than four.
 
-    Hartley and Zisserman, Algorithm 4.2.
+    The normalised direct linear transformation (Hartley and Zisserman, Algorithm 4.2), some times to those that fit
+    about as well as half of them do.
     """
-    if len(points1) < _FEWEST_OF_HOMOGRAPHY:
-        return None
+    chosen = np.ones(len(points1), bool)
+    homography = None
+    for _ in range(_ROUNDS):
+        if np.count_nonzero(chosen) < _FEWEST_OF_HOMOGRAPHY:
+            break
+        homography = _transformation(points1[chosen], points2[chosen])
+        errors = _transfer_errors(homography, points1, points2)
+        chosen = errors <= _ABOUT_AS_WELL * np.median(errors)
+    return homography
+
+
+def _transfer_errors(homography: Array, points1: Array, points2: Array) -> Array:
+    """How far points are from where a homography moves their partners to; infinite if it is nowhere."""
+    moved = np.column_stack([points1, np.ones(len(points1))]) @ homography.T
+    return np.nan_to_num(np.linalg.norm(moved[:, :2] / moved[:, 2:] - points2, axis=1), nan=np.inf)
+
+
+def _transformation(points1: Array, points2: Array) -> Array:
     (first, frame1), (second, frame2) = _normalised(points1), _normalised(points2)
     nothing = np.zeros_like(first)
     upper = np.hstack([nothing, -first, second[:, 1:2] * first])
