@@ -14,6 +14,14 @@ def call(name, data, settings):
     return getattr(nonsac, name)(*data, workers=1, **settings)
 
 
+def troublesome(number):
+    if number == 7:
+        raise ValueError("seven")
+    if number == 11:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
 @dataclass(frozen=True)
 class Trouble(nonsac.Estimator):
     """Does something to the process that it is in, or raises: before there are samples, or in each of them."""

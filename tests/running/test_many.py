@@ -1,25 +1,16 @@
 """Many small tasks in few messages: order, sizes, and what is lost with a worker."""
 
-import os
-import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from batch_samples import troublesome
 from nonsac.running.many import pool_of, run_many
 from nonsac.running.processes import WorkerDied
 
 
 def square(number):
-    return number * number
-
-
-def troublesome(number):
-    if number == 7:
-        raise ValueError("seven")
-    if number == 11:
-        os.kill(os.getpid(), signal.SIGKILL)
     return number * number
 
 
