@@ -13,7 +13,7 @@ from nonsac.cameras.unreadable import camera_or_error, check_readable
 from nonsac.files.errors import FilePath, input_error, not_held
 from nonsac.io.colmap_sqlite import damaged, open_database, unpack
 from nonsac.io.correspondences import Matches, Points
-from nonsac.io.two_view_geometry import MAX_IMAGES, TwoViewGeometry, pair_id, write_row
+from nonsac.io.two_view_geometry import MAX_IMAGES, Rows, TwoViewGeometry, pair_id
 from nonsac.values.arraylike import as_array
 from nonsac.values.checks import real_array
 from nonsac.values.numeric import as_whole, shown
@@ -112,7 +112,7 @@ def write_two_view_geometry(
             rotation, translation = rotation.T, -rotation.T @ translation
         matrices = [_pinhole_matrix(path, database, number) for number in numbers]
         geometry = TwoViewGeometry.of_pose(rotation, translation, matrices)
-        write_row(database, pair_id(numbers), inliers, geometry.columns())
+        Rows(database).write(pair_id(numbers), inliers, geometry.columns())
 
 
 def _find_pair(path: FilePath, database: sqlite3.Connection, image1: _Image, image2: _Image) -> list[int]:

@@ -21,7 +21,7 @@ from nonsac.io.colmap_database import described_camera, keypoints_of
 from nonsac.io.colmap_sqlite import damaged, open_database, unpack
 from nonsac.io.correspondences import Matches
 from nonsac.io.image_pairs import ImagePair, ImagePairs
-from nonsac.io.two_view_geometry import MAX_IMAGES, pair_id, write_row
+from nonsac.io.two_view_geometry import MAX_IMAGES, Rows, pair_id
 
 _IMAGES_KEPT = 512  # whose keypoints are held in memory
 _CAMERAS = "SELECT camera_id, model, width, height, params, prior_focal_length FROM cameras ORDER BY camera_id"
@@ -91,10 +91,10 @@ class DatabasePairs(ImagePairs):
         return lru_cache(None)(lambda image: camera_or_error(lambda: described_camera(self.path, self.database, image)))
 
 
-Row = tuple[ImagePair, NDArray[np.bool_], dict[str, Any]]
+Found = tuple[ImagePair, NDArray[np.bool_], dict[str, Any]]
 
 
-def write_geometries(path: FilePath, output: FilePath, rows: Iterable[Row]) -> None:
+def write_geometries(path: FilePath, output: FilePath, rows: Iterable[Found]) -> None:
     """Write geometries of two views, each in place of what is there, all of them or none.
 
     Parameters
@@ -141,14 +141,15 @@ def check_writable(path: FilePath) -> None:
         pass
 
 
-def _insert(path: FilePath, rows: Iterable[Row]) -> None:
+def _insert(path: FilePath, rows: Iterable[Found]) -> None:
     with open_database(path, write=True) as database:
+        written = Rows(database)
         for pair, are_inliers, columns in rows:
             indices = _indices(path, database, pair)
             if len(indices) != len(are_inliers):
                 problem = f"the matches of {' and '.join(pair.names)} have changed since they were verified"
                 raise input_error(path, problem, "verify them again")
-            write_row(database, _number(pair), indices[are_inliers], columns)
+            written.write(_number(pair), indices[are_inliers], columns)
 
 
 def _indices(path: FilePath, database: sqlite3.Connection, pair: ImagePair) -> NDArray[np.int64]:

@@ -94,13 +94,19 @@ def pair_id(numbers: Sequence[int]) -> int:
     return min(numbers) * MAX_IMAGES + max(numbers)
 
 
-def write_row(database: sqlite3.Connection, number: int, inliers: NDArray[np.integer], columns: dict[str, Any]) -> None:
-    """Write the row of a pair, whose inliers (k, 2) are in the order of its images, in place of what is there."""
-    data = np.ascontiguousarray(inliers, dtype="<u4").tobytes() or None
-    row = {"pair_id": number, "rows": len(inliers), "cols": 2, "data": data, **columns}
-    # Older databases lack qvec and tvec, and some more.
-    there = {name for _, name, *_ in database.execute("PRAGMA table_info(two_view_geometries)")}
-    row = {name: value for name, value in row.items() if name in there or name not in columns}
-    marks = ", ".join("?" * len(row))
-    statement = f"INSERT OR REPLACE INTO two_view_geometries ({', '.join(row)}) VALUES ({marks})"
-    database.execute(statement, tuple(row.values()))
+class Rows:
+    """The rows of the table two_view_geometries of a database that is open."""
+
+    def __init__(self, database: sqlite3.Connection) -> None:
+        self._database = database
+        # Older databases lack qvec and tvec, and some more.
+        self._columns = {name for _, name, *_ in database.execute("PRAGMA table_info(two_view_geometries)")}
+
+    def write(self, number: int, inliers: NDArray[np.integer], columns: dict[str, Any]) -> None:
+        """Write that of a pair, whose inliers (k, 2) are in the order of its images, in place of what is there."""
+        data = np.ascontiguousarray(inliers, dtype="<u4").tobytes() or None
+        row = {"pair_id": number, "rows": len(inliers), "cols": 2, "data": data, **columns}
+        row = {name: value for name, value in row.items() if name in self._columns or name not in columns}
+        marks = ", ".join("?" * len(row))
+        statement = f"INSERT OR REPLACE INTO two_view_geometries ({', '.join(row)}) VALUES ({marks})"
+        self._database.execute(statement, tuple(row.values()))
