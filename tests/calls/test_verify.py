@@ -4,6 +4,7 @@ import json
 import os
 import sqlite3
 from contextlib import closing
+from functools import partial
 
 import numpy as np
 import pytest
@@ -153,6 +154,32 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bytes(scene, verified, tmp_p
     assert found == verified[0]
     assert output.read_bytes() == verified[1].read_bytes()
     assert os.listdir(tmp_path) == ["out.db"]
+
+
+def test_a_run_of_other_pairs_does_not_go_on(scene, tmp_path):
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    for second in (1, 2):
+        (tmp_path / f"{second}.txt").write_text(f"{name_of(0)} {name_of(second)}\n")
+    output = tmp_path / "out.db"
+    with pytest.raises(KeyboardInterrupt):
+        nonsac.verify(scene[0], output, pairs=tmp_path / "1.txt", workers=1, progress=stop)
+    with pytest.raises(ValueError, match="is of a run with pairs "):
+        nonsac.verify(scene[0], output, pairs=tmp_path / "2.txt", workers=1, resume=True)
+    assert nonsac.verify(scene[0], output, pairs=tmp_path / "1.txt", workers=1, resume=True).pairs[0].image2 == name_of(
+        1
+    )
+
+
+def test_pairs_that_are_skipped_measure_no_noise(scene, tmp_path):
+    copy = tmp_path_copy(scene[0], tmp_path)
+    with closing(sqlite3.connect(copy)) as database, database:
+        database.execute("INSERT INTO cameras SELECT 2, model, width, height, params, 0 FROM cameras")
+        database.execute("UPDATE images SET camera_id = 2 WHERE image_id IN (3, 4)")
+    found = nonsac.verify(copy, tmp_path / "out.db", workers=1)
+    assert found.left_out["skipped"] == 15
+    assert found.noise == pytest.approx(0.7, rel=0.15)
 
 
 def test_a_list_of_pairs_in_either_order(scene, verified, tmp_path):
@@ -453,7 +480,7 @@ def test_records_of_something_else(tmp_path):
     with Journal(tmp_path / "a", {}, False, "pairs") as kept:
         kept.add(0, {"image1": "a"})
     with pytest.raises(ValueError, match="is not a record of a run"):
-        Journal(tmp_path / "a", {}, True, "pairs", verify._check_record)
+        Journal(tmp_path / "a", {}, True, "pairs", partial(verify._check_record, 5))
 
 
 def test_a_pair_that_fails_takes_its_own_place_only(scene, verified, tmp_path, monkeypatch):

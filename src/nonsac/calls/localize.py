@@ -97,7 +97,11 @@ def localize(
     start = time.perf_counter()
     known = None if cameras is None else cameras_of(cameras)
     with _images(model, files, pairs, known, own) as images:
-        header = {"images": images.names, "settings": {name: repr(value) for name, value in own.items()}}
+        header = {
+            "images": images.names,
+            "camera": str(known) if isinstance(known, Camera) else None,
+            "settings": {name: repr(value) for name, value in own.items()},
+        }
         check = partial(_check_record, len(images.names))
         with Journal(run.journal, header | {"version": VERSION}, resume, "images", check) as kept:
             measured = _run(images, "noise" not in own, kept, run)

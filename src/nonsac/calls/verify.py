@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -112,7 +114,8 @@ def verify(
         with DatabasePairs.open(path) as source:
             chosen, unmatched = source.chosen(pairs)
             work = _Work(source, chosen, trust_focal_lengths, fallback, own)
-            kept = stack.enter_context(Journal(run.journal, work.settings, resume, "pairs", _check_record))
+            check = partial(_check_record, len(chosen))
+            kept = stack.enter_context(Journal(run.journal, work.settings, resume, "pairs", check))
             with pool_of(workers) as pool:
                 pooled = work.run(kept, pool, run.tell)
         write_geometries(path, output, _rows(chosen, kept))  # what is still read cannot be written
@@ -162,9 +165,10 @@ class _Work:
     @property
     def settings(self) -> dict[str, Any]:
         """What the records depend on."""
+        names = repr([pair.names for pair in self.chosen])
         return {
             "database": self.source.fingerprint,
-            "pairs": len(self.chosen),
+            "pairs": hashlib.sha256(names.encode()).hexdigest()[:16],
             "fallback": self.fallback,
             "trust_focal_lengths": self.trusts_focal_lengths,
             "settings": {name: repr(value) for name, value in self.own.items()},
@@ -175,8 +179,8 @@ class _Work:
         """Do what is missing; returns the noise that the pairs share."""
         first: list[int] = []
         if "noise" not in self.own:
-            by_matches = sorted(range(len(self.chosen)), key=lambda k: -(self.chosen[k].num_matches or 0))
-            first = sorted(by_matches[:FIRST_PAIRS])
+            known = [number for number, pair in enumerate(self.chosen) if self._relies_on(pair)]
+            first = sorted(sorted(known, key=lambda k: -(self.chosen[k].num_matches or 0))[:FIRST_PAIRS])
         self._run_some(first, None, kept, pool, progress)
         measured = (record["noise"] for record in kept.records(first) if record["status"] == "ok")
         noise = pooled_noise(measured)
@@ -197,9 +201,10 @@ class _Work:
 
     def _item(self, number: int) -> PairItem:
         pair = self.chosen[number]
-        matches = self.source.read(pair)
-        known = self.trusts_focal_lengths or self.source.is_calibrated(pair)
-        return PairItem(pair.names, matches, known)
+        return PairItem(pair.names, self.source.read(pair), self._relies_on(pair))
+
+    def _relies_on(self, pair: ImagePair) -> bool:
+        return self.trusts_focal_lengths or self.source.is_calibrated(pair)
 
 
 def _rows(chosen: Sequence[ImagePair], kept: Journal) -> Iterator[tuple[ImagePair, Any, dict[str, Any]]]:
@@ -217,6 +222,8 @@ def _check_output(database: FilePath, output: FilePath, overwrite: bool) -> None
         raise input_error(output, "is there already", "give another name, or overwrite it (--overwrite)")
 
 
-def _check_record(position: int, record: Any) -> None:
+def _check_record(count: int, position: int, record: Any) -> None:
+    if not 0 <= position < count:
+        raise ValueError("a pair")
     VerifiedPair.of_record(record)
     row_of(record)
