@@ -143,7 +143,9 @@ def test_repr_fits_six_lines_and_names_the_status(status, found):
 
 def test_repr_tells_how_uncertain_the_answer_is():
     sure = a_result(np.eye(4)[:3], uncertainty=Uncertainty(0.1234, 7.0, 2.5))
-    assert "  95 % within 0.12 deg of rotation, 2.5 deg of translation" in repr(sure).splitlines()
+    assert "  95 % within 0.12 deg of rotation, 7 of translation" in repr(sure).splitlines()
+    direction = a_result(np.eye(4)[:3], uncertainty=Uncertainty(0.1234, 2.5, 2.5))
+    assert "  95 % within 0.12 deg of rotation, 2.5 deg of translation" in repr(direction).splitlines()
     assert "95 %" not in repr(a_result(np.eye(4)[:3]))
 
 

@@ -479,7 +479,8 @@ class Result:
         known = self.uncertainty
         if known is None:
             return []
-        return [f"  95 % within {known.rotation:.2g} deg of rotation, {known.angle:.2g} deg of translation"]
+        unit = " deg" if known.translation == known.angle else ""  # of a direction
+        return [f"  95 % within {known.rotation:.2g} deg of rotation, {known.translation:.2g}{unit} of translation"]
 
     def _told_remarks(self) -> list[str]:
         return [f"  remark: {remark}" for remark in self.remarks]

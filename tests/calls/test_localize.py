@@ -144,6 +144,39 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bytes(hloc, tmp_path):
     assert not (tmp_path / "a.txt.partial").exists()
 
 
+@pytest.mark.parametrize("changed", ["cameras", "pairs", "matches"])
+def test_a_run_does_not_go_on_with_other_files(hloc, tmp_path, changed):
+    files, settings = hloc
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        nonsac.localize(*files, output=tmp_path / "a.txt", progress=stop, **settings)
+    if changed == "cameras":
+        text = settings["cameras"].read_text()
+        settings["cameras"].write_text(text.replace("0 ", "1 ", 1))
+    else:
+        os.utime(settings["pairs"] if changed == "pairs" else files[2], (1, 1))
+    name = "cameras" if changed == "cameras" else "files"
+    with pytest.raises(ValueError, match=f"is of a run with {name} "):
+        nonsac.localize(*files, output=tmp_path / "a.txt", **settings, resume=True)
+
+
+def test_an_output_that_is_an_input_is_refused(hloc):
+    files, settings = hloc
+    before = settings["pairs"].read_bytes()
+    with pytest.raises(nonsac.InputError, match="is read by this run"):
+        nonsac.localize(*files, output=settings["pairs"], overwrite=True, **settings)
+    assert settings["pairs"].read_bytes() == before
+
+
+def test_a_model_alone_is_no_folder_of_tables(hloc, tmp_path):
+    files, _ = hloc
+    with pytest.raises(nonsac.InputError, match="is a model, no folder of tables"):
+        nonsac.localize(files[0], output=tmp_path / "a.txt", workers=1)
+
+
 def test_the_first_images_measure_the_noise_for_all(hloc, tmp_path, monkeypatch):
     files, settings = hloc
     monkeypatch.setattr(localize, "FIRST_PAIRS", 2)

@@ -335,7 +335,7 @@ def test_guessed_focal_lengths_are_said_so(tmp_path, rng):
     pair, row, _ = pair_of(tmp_path, *views, prior=0)
     assert (pair.status, pair.remarks, row) == (
         "skipped",
-        ("the focal length of a camera is a guess of COLMAP's",),
+        ("focal lengths are guesses of COLMAP's (--trust-focal-lengths, or --fallback pycolmap)",),
         None,
     )
 
@@ -426,20 +426,44 @@ def test_a_dask_cluster_writes_the_same_bytes(scene, verified, tmp_path):
     assert (tmp_path / "out.db").read_bytes() == verified[1].read_bytes()
 
 
-def test_matches_that_change_meanwhile(scene, tmp_path):
+def test_a_database_that_changes_while_it_is_read(scene, tmp_path):
     copy = tmp_path_copy(scene[0], tmp_path)
 
     def change(done, total):
         if done == total:
-            copy.write_bytes(changed.read_bytes())
+            copy.write_bytes(copy.read_bytes())
 
-    changed = tmp_path / "changed.db"
-    changed.write_bytes(copy.read_bytes())
-    with closing(sqlite3.connect(changed)) as database, database:
-        database.execute("UPDATE matches SET rows = 1, data = ? WHERE pair_id = ?", (b"\0" * 8, pair_id(3, 4)))
-    with pytest.raises(nonsac.InputError, match=r"the matches of 03\.jpg and 04.jpg have changed since"):
+    with pytest.raises(nonsac.InputError, match="was changed by another program while it was read"):
         nonsac.verify(copy, tmp_path / "out.db", workers=1, progress=change)
     assert not (tmp_path / "out.db").exists()
+
+
+def test_matches_that_change_before_they_are_written(scene, tmp_path, monkeypatch):
+    """As many as before, in another order: the inliers would be others."""
+    copy, write = tmp_path_copy(scene[0], tmp_path), verify.write_geometries
+
+    def change_and_write(path, *rest):
+        with closing(sqlite3.connect(path)) as database, database:
+            key = (pair_id(3, 4),)
+            data = database.execute("SELECT data FROM matches WHERE pair_id = ?", key).fetchone()[0]
+            turned = np.frombuffer(data, np.uint32).reshape(-1, 2)[::-1].tobytes()
+            database.execute("UPDATE matches SET data = ? WHERE pair_id = ?", (turned, *key))
+        write(path, *rest)
+
+    monkeypatch.setattr(verify, "write_geometries", change_and_write)
+    for output in (copy, tmp_path / "out.db"):
+        with pytest.raises(nonsac.InputError, match=r"the matches of 03\.jpg and 04.jpg have changed since"):
+            nonsac.verify(copy, output, workers=1)
+        copy = tmp_path_copy(scene[0], tmp_path)
+    assert not (tmp_path / "out.db").exists()
+
+
+def test_an_output_that_is_an_input_is_refused(scene, tmp_path):
+    listed = tmp_path / "pairs.txt"
+    listed.write_text(f"{name_of(0)} {name_of(1)}\n")
+    with pytest.raises(nonsac.InputError, match="is read by this run"):
+        nonsac.verify(scene[0], listed, pairs=listed, overwrite=True, workers=1)
+    assert listed.read_text() == f"{name_of(0)} {name_of(1)}\n"
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,14 @@ from nonsac.calls.jobs import Job, may_end
 from nonsac.calls.localization import Localization, LocalizedImage
 from nonsac.calls.pair_records import warnings_told
 from nonsac.calls.pooling import FIRST_PAIRS, PooledRun, pooled_noise
-from nonsac.calls.run_arguments import Progress, RunArguments, settings_of_each
+from nonsac.calls.run_arguments import (
+    Progress,
+    RunArguments,
+    check_no_input,
+    digest_of,
+    settings_of_each,
+    versions_of,
+)
 from nonsac.cameras.camera import Camera, CameraLike
 from nonsac.cameras.unreadable import UnreadableCamera
 from nonsac.files.errors import FilePath, input_error
@@ -96,10 +103,12 @@ def localize(
     check_poses(output, overwrite)
     start = time.perf_counter()
     known = None if cameras is None else cameras_of(cameras)
+    check_no_input(output, (*files, pairs, cameras))
     with _images(model, files, pairs, known, own) as images:
         header = {
-            "images": images.names,
-            "camera": str(known) if isinstance(known, Camera) else None,
+            "images": digest_of(images.names),
+            "files": digest_of(versions_of([model, *files, *([] if pairs is None else [pairs])])),
+            "cameras": digest_of(_as_text(known)),
             "settings": {name: repr(value) for name, value in own.items()},
         }
         check = partial(_check_record, len(images.names))
@@ -117,6 +126,10 @@ class _Images:
 
     names: Sequence[str]
     job: Callable[[str], Job]
+
+
+def _as_text(cameras: Cameras) -> object:
+    return {name: str(camera) for name, camera in cameras.items()} if isinstance(cameras, dict) else str(cameras)
 
 
 @contextmanager
@@ -156,6 +169,10 @@ def _job(queries: QueryPairs, cameras: Cameras, own: dict[str, Any], name: str) 
 def _of_tables(folder: FilePath, cameras: Cameras, own: dict[str, Any]) -> _Images:
     if not os.path.isdir(folder):
         raise input_error(folder, "is no folder of tables", "give the files of hloc, or a database, besides the model")
+    if any(Path(folder, f"images{suffix}").exists() for suffix in (".bin", ".txt")):
+        raise input_error(
+            folder, "is a model, no folder of tables", "give the files of hloc, or a database, besides it"
+        )
     by_name = {path.stem: path for path in sorted(Path(folder).iterdir()) if path.is_file()}
     if not by_name:
         raise input_error(folder, "holds no tables", "write the matches of each image into a file")

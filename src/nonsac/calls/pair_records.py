@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.calls.two_views import View
+from nonsac.io.colmap_pairs import checksum
+from nonsac.io.correspondences import Matches
 from nonsac.io.two_view_geometry import Configuration
 from nonsac.result import Result
 
 _NOT_KEPT = (Configuration.UNDEFINED, Configuration.DEGENERATE, Configuration.WATERMARK)
-_ROW = "row"
+_ROW, _MATCHES = "row", "checksum"
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class VerifiedPair:
     @classmethod
     def of_record(cls, record: dict[str, Any]) -> Self:
         """From the record of `record_of`."""
-        fields = {name: value for name, value in record.items() if name != _ROW}
+        fields = {name: value for name, value in record.items() if name not in (_ROW, _MATCHES)}
         return cls(**fields | {"remarks": tuple(record["remarks"])})
 
     def to_dict(self) -> dict[str, Any]:
@@ -93,8 +95,13 @@ def record_of(pair: VerifiedPair, view: View | None) -> dict[str, Any]:
     return pair.to_dict() | {_ROW: row}
 
 
-def row_of(record: dict[str, Any]) -> tuple[NDArray[np.bool_], dict[str, Any]] | None:
-    """Which matches are inliers, and the columns of the database; None if nothing is to be written."""
+def with_checksum(record: dict[str, Any], matches: Matches) -> dict[str, Any]:
+    """The record, with a checksum of the matches that were verified."""
+    return record | {_MATCHES: 0 if matches.indices is None else checksum(matches.indices)}
+
+
+def row_of(record: dict[str, Any]) -> tuple[NDArray[np.bool_], dict[str, Any], int] | None:
+    """Which matches are inliers, the columns of the database, and the checksum; None if nothing is to be written."""
     row = record[_ROW]
     if row is None:
         return None
@@ -102,7 +109,7 @@ def row_of(record: dict[str, Any]) -> tuple[NDArray[np.bool_], dict[str, Any]] |
     columns = {
         name: base64.b64decode(value) if isinstance(value, str) else value for name, value in row["columns"].items()
     }
-    return np.unpackbits(packed, count=record["num_matches"]).astype(bool), columns
+    return np.unpackbits(packed, count=record["num_matches"]).astype(bool), columns, int(record[_MATCHES])
 
 
 def _text(value: bytes | int | None) -> str | int | None:

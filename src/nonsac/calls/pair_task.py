@@ -14,7 +14,7 @@ from nonsac.cameras.camera import Camera
 from nonsac.cameras.unreadable import UnreadableCamera
 from nonsac.io.correspondences import Matches
 
-_GUESSED = "the focal length of a camera is a guess of COLMAP's"
+_GUESSED = "focal lengths are guesses of COLMAP's (--trust-focal-lengths, or --fallback pycolmap)"
 _UNKNOWN_MODEL = "the model of a camera is not known here"
 
 

@@ -47,9 +47,18 @@ class Verification:
     @property
     def left_out(self) -> Counter[str]:
         """How many are not, by the reason."""
-        is_watermark = "watermark"
-        reasons = (is_watermark if p.configuration == is_watermark else p.status for p in self.pairs if not p.kept)
-        return Counter(reasons)
+        watermark = "watermark"
+        return Counter(watermark if p.configuration == watermark else p.status for p in self.pairs if not p.kept)
+
+    @property
+    def _reasons(self) -> Counter[str]:
+        """As `left_out`, but why pairs were skipped."""
+        reasons: Counter[str] = Counter()
+        for status, count in self.left_out.items():
+            if status != "skipped":
+                reasons[status.replace("_", " ")] = count
+        reasons.update(remark for pair in self.pairs if pair.status == "skipped" for remark in pair.remarks)
+        return reasons
 
     def to_dict(self) -> dict[str, Any]:
         """What `print` shows, ready for JSON."""
@@ -76,7 +85,7 @@ class Verification:
         if self.noise is not None:
             lines[0] += f"; noise {self.noise:.3g} pixels"
         lines += [f"  {count:9,}  {name.replace('_', ' ')}" for name, count in self.configurations.most_common()]
-        lines += [f"  {count:9,}  left out: {name.replace('_', ' ')}" for name, count in self.left_out.most_common()]
+        lines += [f"  {count:9,}  left out: {reason}" for reason, count in self._reasons.most_common()]
         if self.unmatched:
             lines.append(f"  {self.unmatched:9,}  listed, but without matches")
         return "\n".join(lines)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -14,16 +13,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from nonsac.calls.fallback import check_fallback
-from nonsac.calls.pair_records import VerifiedPair, row_of
+from nonsac.calls.pair_records import VerifiedPair, row_of, with_checksum
 from nonsac.calls.pair_task import PairItem, PairTask
 from nonsac.calls.pooling import FIRST_PAIRS, pooled_noise
-from nonsac.calls.run_arguments import Progress, RunArguments, settings_of_each
+from nonsac.calls.run_arguments import Progress, RunArguments, check_no_input, digest_of, settings_of_each
 from nonsac.calls.verification import Verification
 from nonsac.cameras.camera import CameraLike
 from nonsac.files.atomic import check_target
 from nonsac.files.errors import FilePath, input_error
 from nonsac.io.camera_lists import cameras_of
-from nonsac.io.colmap_pairs import DatabasePairs, check_writable, is_same_file, write_geometries
+from nonsac.io.colmap_pairs import DatabasePairs, Found, check_writable, is_same_file, write_geometries
 from nonsac.io.hloc_pairs import HlocPairs
 from nonsac.io.image_pairs import ImagePair
 from nonsac.kernels.ahead import compile_for
@@ -107,6 +106,7 @@ def verify(
     flag("trust_focal_lengths", trust_focal_lengths)
     own = settings_of_each("verify", {"max_samples": _MAX_SAMPLES} | settings, noise)
     run = RunArguments(output, pairs, workers, resume, overwrite, progress)
+    check_no_input(output, (*(database if isinstance(database, (tuple, list)) else ()), pairs, cameras))
     start = time.perf_counter()
     with ExitStack() as stack:
         path = stack.enter_context(_database_of(database, output, pairs, cameras))
@@ -165,10 +165,9 @@ class _Work:
     @property
     def settings(self) -> dict[str, Any]:
         """What the records depend on."""
-        names = repr([pair.names for pair in self.chosen])
         return {
             "database": self.source.fingerprint,
-            "pairs": hashlib.sha256(names.encode()).hexdigest()[:16],
+            "pairs": digest_of([pair.names for pair in self.chosen]),
             "fallback": self.fallback,
             "trust_focal_lengths": self.trusts_focal_lengths,
             "settings": {name: repr(value) for name, value in self.own.items()},
@@ -196,7 +195,8 @@ class _Work:
         items = (self._item(number) for number in missing)
         task = PairTask(noise, self.fallback, self.own)
         for number, (item, outcome) in zip(missing, run_many(task, items, pool, together=True), strict=True):
-            kept.add(number, outcome if isinstance(outcome, dict) else item.failed(outcome))
+            record = outcome if isinstance(outcome, dict) else item.failed(outcome)
+            kept.add(number, with_checksum(record, item.matches))
             progress(kept.count, len(self.chosen))
 
     def _item(self, number: int) -> PairItem:
@@ -207,7 +207,7 @@ class _Work:
         return self.trusts_focal_lengths or self.source.is_calibrated(pair)
 
 
-def _rows(chosen: Sequence[ImagePair], kept: Journal) -> Iterator[tuple[ImagePair, Any, dict[str, Any]]]:
+def _rows(chosen: Sequence[ImagePair], kept: Journal) -> Iterator[Found]:
     for pair, record in zip(chosen, kept.records(), strict=True):
         row = row_of(record)
         if row is not None:

@@ -15,6 +15,7 @@ from nonsac.cli.messages import to_stderr, to_stdout, wrote
 from nonsac.cli.options import AsJson, Quiet, takes_settings
 from nonsac.cli.outputs import check_report, tell_of_rest
 from nonsac.cli.session import session
+from nonsac.files.identity import identity_of
 
 if TYPE_CHECKING:
     from nonsac.calls.verification import Verification
@@ -91,6 +92,8 @@ def verify(
         raise bad("--output", "give the name of a copy, or --in-place, and not both")
     if second is not None and (output is None or pairs is None or cameras is None):
         raise bad("SECOND", "files of hloc need --output, --pairs and --cameras")
+    if output is not None and identity_of(output) == identity_of(database) and second is None:
+        raise bad("--output", "is the database itself: give another name, or --in-place instead")
     target = database if output is None else output
     check_report(report, (database, second, pairs, target), plot)
     start = time.perf_counter()
@@ -115,7 +118,8 @@ def verify(
             raise
     _show(found, time.perf_counter() - start, as_json)
     silent = as_json or quiet
-    wrote(target, f"the geometries of {len(found.pairs):,} pairs", silent)
+    written = sum(pair.status not in ("skipped", "failed") for pair in found.pairs)
+    wrote(target, f"the geometries of {written:,} pairs", silent)
     if report is not None:
         found.write(report)
         wrote(report, "a line for each pair", silent)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +58,7 @@ class DatabasePairs(ImagePairs):
         InputError
             If it cannot be read, is no database of COLMAP, is locked or damaged, or holds no matches.
         """
+        version = _version(path)
         with open_database(path) as database:
             images = database.execute("SELECT image_id, name, camera_id FROM images ORDER BY image_id").fetchall()
             cameras = database.execute(_CAMERAS).fetchall()
@@ -68,6 +71,9 @@ class DatabasePairs(ImagePairs):
             calibrated = {int(number): camera in known for number, _, camera in images}
             pairs = tuple(_pair(path, names, *row) for row in matches)
             yield cls(path, pairs, database, calibrated, digest[:16])
+            if _version(path) != version:
+                problem = "was changed by another program while it was read"
+                raise input_error(path, problem, "verify it again when that is done, or with --resume")
 
     def is_calibrated(self, pair: ImagePair, name: str | None = None) -> bool:
         images = zip(pair.images, pair.names, strict=True)
@@ -91,7 +97,13 @@ class DatabasePairs(ImagePairs):
         return lru_cache(None)(lambda image: camera_or_error(lambda: described_camera(self.path, self.database, image)))
 
 
-Found = tuple[ImagePair, NDArray[np.bool_], dict[str, Any]]
+def _version(path: FilePath) -> tuple[int, int]:
+    """What changes with the file, which a journal beside it may delay."""
+    status = os.stat(path)
+    return status.st_size, status.st_mtime_ns
+
+
+Found = tuple[ImagePair, NDArray[np.bool_], dict[str, Any], int]
 
 
 def write_geometries(path: FilePath, output: FilePath, rows: Iterable[Found]) -> None:
@@ -105,7 +117,7 @@ def write_geometries(path: FilePath, output: FilePath, rows: Iterable[Found]) ->
         A copy that is written, and appears when it is complete; or the database itself, which is written in one
         transaction, as other programs may have it open.
     rows
-        Pairs, which of their matches are inliers, and the columns of `TwoViewGeometry`.
+        Pairs, which of their matches are inliers, the columns of `TwoViewGeometry`, and the checksum of the matches.
 
     Raises
     ------
@@ -122,6 +134,11 @@ def write_geometries(path: FilePath, output: FilePath, rows: Iterable[Found]) ->
         _insert(temporary, rows)
 
     write_atomically(output, write)
+
+
+def checksum(indices: NDArray[np.int64]) -> int:
+    """Of the matches (k, 2) of a pair."""
+    return crc32(np.ascontiguousarray(indices, np.int64).tobytes())
 
 
 def is_same_file(path: FilePath, other: FilePath) -> bool:
@@ -144,9 +161,9 @@ def check_writable(path: FilePath) -> None:
 def _insert(path: FilePath, rows: Iterable[Found]) -> None:
     with open_database(path, write=True) as database:
         written = Rows(database)
-        for pair, are_inliers, columns in rows:
+        for pair, are_inliers, columns, verified in rows:
             indices = _indices(path, database, pair)
-            if len(indices) != len(are_inliers):
+            if checksum(indices) != verified:
                 problem = f"the matches of {' and '.join(pair.names)} have changed since they were verified"
                 raise input_error(path, problem, "verify them again")
             written.write(_number(pair), indices[are_inliers], columns)
