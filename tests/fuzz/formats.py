@@ -784,7 +784,7 @@ FORMATS: dict[str, Format] = {
         [
             _matches(nio.read_colmap_points, "m", "b.jpg"),
             lambda folder: nio.read_colmap_pose(folder / "m", 9),
-            lambda folder: dict(colmap_text.all_images(folder / "m" / "images.txt")),
+            lambda folder: [read() for _, _, read in colmap_text.images_of(folder / "m" / "images.txt")],
         ],
         TEXT,
     ),
@@ -793,7 +793,7 @@ FORMATS: dict[str, Format] = {
         [
             _matches(nio.read_colmap_points, "m", "b.jpg"),
             lambda folder: nio.read_colmap_pose(folder / "m", 9),
-            lambda folder: dict(colmap_binary.all_images(folder / "m" / "images.bin")),
+            lambda folder: [read() for _, _, read in colmap_binary.images_of(folder / "m" / "images.bin")],
         ],
     ),
     "colmap-database": Format(

@@ -1,11 +1,11 @@
 """Many small tasks in few messages: order, sizes, and what is lost with a worker."""
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from batch_samples import troublesome
+from nonsac.running import many
 from nonsac.running.many import pool_of, run_many
 from nonsac.running.processes import WorkerDied
 
@@ -35,9 +35,10 @@ def test_small_tasks_go_together_once_it_is_known_that_they_are_small():
     assert len(pool.sizes) < 50
 
 
-def test_large_tasks_go_alone():
+def test_large_tasks_go_alone(monkeypatch):
+    monkeypatch.setattr(many, "_SECONDS_OF_MESSAGE", 0.0)  # any task takes longer
     with Counting(2) as pool:
-        list(run_many(lambda _: time.sleep(0.12), range(6), pool, together=True))
+        list(run_many(square, range(6), pool, together=True))
     assert pool.sizes == [1] * 6
 
 

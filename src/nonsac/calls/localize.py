@@ -27,7 +27,7 @@ from nonsac.calls.run_arguments import (
 )
 from nonsac.cameras.camera import Camera, CameraLike
 from nonsac.cameras.unreadable import UnreadableCamera
-from nonsac.files.errors import FilePath, input_error
+from nonsac.files.errors import FilePath, in_one_line, input_error
 from nonsac.io.camera_lists import cameras_of
 from nonsac.io.colmap_pairs import DatabasePairs
 from nonsac.io.colmap_whole_model import WholeModel
@@ -250,8 +250,7 @@ def _camera_of(job: Job) -> CameraLike:
 
 
 def _failure(job: Job, error: Exception) -> dict[str, Any]:
-    told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-    return LocalizedImage(job.name, "failed", error=" ".join(told.split())).to_dict()
+    return LocalizedImage(job.name, "failed", error=in_one_line(error)).to_dict()
 
 
 def _posed(image: LocalizedImage) -> PosedImage:

@@ -12,6 +12,7 @@ from nonsac.calls.pooling import PooledRun
 from nonsac.calls.two_views import view_of
 from nonsac.cameras.camera import Camera
 from nonsac.cameras.unreadable import UnreadableCamera
+from nonsac.files.errors import in_one_line
 from nonsac.io.correspondences import Matches
 
 _GUESSED = "focal lengths are guesses of COLMAP's (--trust-focal-lengths, or --fallback pycolmap)"
@@ -57,8 +58,7 @@ class PairItem:
 
     def failed(self, error: Exception) -> dict[str, Any]:
         """The record of a pair that could not be verified."""
-        told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        return self.without_row("failed", error=" ".join(told.split()))
+        return self.without_row("failed", error=in_one_line(error))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from nonsac.cli.messages import to_stderr
 from nonsac.cli.session import Progress
+from nonsac.files.errors import in_one_line
 
 if TYPE_CHECKING:
     from nonsac.calls.jobs import Job
@@ -102,10 +103,10 @@ class Summarise:
 
 def _failure(job: Job, error: Exception) -> dict[str, Any]:
     """What is written of a pair that could not be run; it is said at once, too."""
-    message = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    message = in_one_line(error)
     to_stderr(f"{job.name}: failed: {message}")
     nothing = dict.fromkeys(FACTS) | {"success": False}
-    return _named(job) | nothing | {"remarks": [], "error": " ".join(message.split())}
+    return _named(job) | nothing | {"remarks": [], "error": message}
 
 
 def _named(job: Job) -> dict[str, Any]:

@@ -69,3 +69,9 @@ def not_held(path: FilePath, wanted: str, names: Sequence[str], shown: int = _NA
     if len(names) > shown:
         held += f" and {len(names) - shown} more"
     return input_error(path, f"holds no {wanted} (it holds {held})", "check the name")
+
+
+def in_one_line(error: Exception) -> str:
+    """What an exception says, for a record; its kind, too, if it is not about input."""
+    told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    return " ".join(told.split())

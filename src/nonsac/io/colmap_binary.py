@@ -1,7 +1,7 @@
 """Find cameras, images and points in the .bin files of a COLMAP model."""
 
 import struct
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from functools import partial
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nonsac.cameras.models import camera_dict, model_name, parameter_count
 from nonsac.files.content import read_bytes
 from nonsac.files.errors import FilePath, input_error, not_held
-from nonsac.io.colmap_image import ModelImage
+from nonsac.io.colmap_image import Listed, ModelImage
 
 _OBSERVATION = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 _TRACK_ENTRY_SIZE = 8
@@ -37,29 +37,14 @@ def find_camera(path: FilePath, number: int) -> dict[str, Any]:
     raise not_held(path, f"camera {number}", numbers)
 
 
-def find_image(path: FilePath, image: str | int) -> ModelImage:
-    """Return an image of images.bin, by its name or number.
+def images_of(path: FilePath) -> Iterator[Listed]:
+    """All images of images.bin.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is truncated or damaged, or does not hold the image.
+        If the file cannot be read, or is truncated or damaged.
     """
-    names = []
-    for number, name, read in _images(path):
-        if image in (number, name):
-            return read()
-        names.append(name if isinstance(image, str) else str(number))
-    raise not_held(path, f"image {image!r}", names)
-
-
-def all_images(path: FilePath) -> Iterator[tuple[str, ModelImage]]:
-    """All images of images.bin with their names; it raises what `find_image` raises."""
-    return ((name, read()) for _, name, read in _images(path))
-
-
-def _images(path: FilePath) -> Iterator[tuple[int, str, Callable[[], ModelImage]]]:
-    """Numbers, names, and what reads the rest."""
     file = _Bytes(path)
     for _ in range(file.count()):
         number, *pose, camera = file.take("<I7dI")

@@ -1,10 +1,12 @@
 """What COLMAP's models say of an image."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nonsac.files.errors import FilePath, not_held
 from nonsac.io.correspondences import Points
 
 
@@ -31,3 +33,23 @@ class ModelImage:
     translation: Points
     xy: Points
     points: NDArray[np.int64]
+
+
+# The number and the name of an image, and what reads the rest.
+Listed = tuple[int, str, Callable[[], ModelImage]]
+
+
+def find_image(path: FilePath, images: Iterable[Listed], image: str | int) -> ModelImage:
+    """Return the one of a file's images that has this name or number.
+
+    Raises
+    ------
+    InputError
+        If there is none, or what reading raises.
+    """
+    names = []
+    for number, name, read in images:
+        if image in (number, name):
+            return read()
+        names.append(name if isinstance(image, str) else str(number))
+    raise not_held(path, f"image {image!r}", names)

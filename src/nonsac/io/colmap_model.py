@@ -11,6 +11,7 @@ from nonsac.cameras.unreadable import camera_or_error, check_readable
 from nonsac.files.content import status_of
 from nonsac.files.errors import FilePath, input_error
 from nonsac.io import colmap_binary, colmap_text
+from nonsac.io.colmap_image import find_image
 from nonsac.io.correspondences import PointMatches, Points
 from nonsac.values.quiet import quiet
 
@@ -48,7 +49,8 @@ def read_colmap_points(folder: FilePath, image: str | int) -> PointMatches:
 def points_of_model(folder: FilePath, image: str | int) -> PointMatches:
     """As `read_colmap_points`, with an `UnreadableCamera` in place of a camera that cannot be read."""
     reader, place, suffix = find_model(folder)
-    found = reader.find_image(place / f"images{suffix}", image)
+    path = place / f"images{suffix}"
+    found = find_image(path, reader.images_of(path), image)
     camera = camera_or_error(partial(reader.find_camera, place / f"cameras{suffix}", found.camera))
     has_point = found.points >= 0
     numbers = found.points[has_point].tolist()
@@ -85,7 +87,7 @@ def read_colmap_pose(folder: FilePath, image: str | int) -> Points:
 
     reader, place, suffix = find_model(folder)
     path = place / f"images{suffix}"
-    found = reader.find_image(path, image)
+    found = find_image(path, reader.images_of(path), image)
     pose = np.eye(4)
     pose[:3, 3] = found.translation
     length = np.linalg.norm(found.quaternion)

@@ -1,6 +1,6 @@
 """Find cameras, images and points in the .txt files of a COLMAP model."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from nonsac.cameras.models import camera_dict
 from nonsac.files.content import read_content
 from nonsac.files.errors import FilePath, InputError, input_error, not_held
-from nonsac.io.colmap_image import ModelImage
+from nonsac.io.colmap_image import Listed, ModelImage
 from nonsac.io.correspondences import Points
 
 _FIELDS_OF_POSE = 7
@@ -44,29 +44,14 @@ def find_camera(path: FilePath, number: int) -> dict[str, Any]:
     raise not_held(path, f"camera {number}", numbers)
 
 
-def find_image(path: FilePath, image: str | int) -> ModelImage:
-    """Return an image of images.txt, by its name or number.
+def images_of(path: FilePath) -> Iterator[Listed]:
+    """All images of images.txt.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is truncated or damaged, or does not hold the image.
+        If the file cannot be read, or is truncated or damaged.
     """
-    names = []
-    for number, name, read in _images(path):
-        if image in (number, name):
-            return read()
-        names.append(name if isinstance(image, str) else str(number))
-    raise not_held(path, f"image {image!r}", names)
-
-
-def all_images(path: FilePath) -> Iterator[tuple[str, ModelImage]]:
-    """All images of images.txt with their names; it raises what `find_image` raises."""
-    return ((name, read()) for _, name, read in _images(path))
-
-
-def _images(path: FilePath) -> Iterator[tuple[int, str, Callable[[], ModelImage]]]:
-    """Numbers, names, and what reads the rest."""
     # The second line, which may be blank, holds what the image shows.
     for line_number, (line, *second) in _rows(path, 2):
         try:

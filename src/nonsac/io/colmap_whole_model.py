@@ -42,7 +42,7 @@ class WholeModel:
             If the files are missing, cannot be read, are truncated or damaged, or do not fit each other.
         """
         reader, place, suffix = find_model(path)
-        images = dict(reader.all_images(place / f"images{suffix}"))
+        images = {name: read() for _, name, read in reader.images_of(place / f"images{suffix}")}
         if not images:
             raise input_error(place / f"images{suffix}", "holds no images", "give a model that has some")
         wanted = np.unique(np.concatenate([np.unique(image.points) for image in images.values()]))
