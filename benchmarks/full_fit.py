@@ -156,7 +156,7 @@ def cluster(repeats: int) -> list[dict[str, Any]]:
     views = nonsac.simulate.relative_pose(CLUSTER_ROWS, CLUSTER_OUTLIERS, NOISE, rng=0)
     with (
         tempfile.TemporaryDirectory() as folder,
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as nodes,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as nodes,
         distributed.Client(nodes) as client,
     ):
         path = Path(folder) / "rows.npy"

@@ -419,7 +419,7 @@ def test_a_database_that_another_program_has_open(scene, verified, tmp_path):
 def test_a_dask_cluster_writes_the_same_bytes(scene, verified, tmp_path):
     distributed = pytest.importorskip("distributed")
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0") as cluster,
         distributed.Client(cluster) as client,
     ):
         nonsac.verify(scene[0], tmp_path / "out.db", workers=client)
