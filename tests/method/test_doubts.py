@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive
+import nonsac
 from nonsac import simulate
 from nonsac.layouts import Rows
 from nonsac.method.doubts import certainty, disagreement, slippage
@@ -110,6 +111,15 @@ def test_nothing_is_said_of_problems_without_standard_errors(rng):
 def test_next_to_nothing_slips_among_uniform_outliers(case, outliers):
     for seed in range(10):
         assert slipping(*matches(case, 500, outliers, seed)) < 0.3
+
+
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize(("base", "wrong"), [(0.5, 0.85), (0.7, 0.93)])
+def test_a_statue_is_not_turned_by_what_its_base_says(given, base, wrong):
+    for seed in range(1000, 1010):
+        data = simulate.statue(600, wrong, 0.01, seed, base=base)
+        result = nonsac.register_pairs(data.source, data.target, noise=0.01 if given else None)
+        assert not result.success or naive.angle_between(result.R, data.T[:3, :3]) < 1.0
 
 
 def ring(rng, slip, n=400):

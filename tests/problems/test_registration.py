@@ -118,3 +118,66 @@ def test_oriented_registration_uses_the_points_alone(rng):
     np.testing.assert_array_equal(
         problem.count_inliers(model[None], oriented, THRESHOLD), plain.count_inliers(model[None], rows, THRESHOLD)
     )
+
+
+# --- errors along one motion ------------------------------------------------------------------------------------------
+
+
+def around(points, angles):
+    """Points turned about the vertical axis, each by an angle of its own."""
+    cosines, sines = np.cos(angles), np.sin(angles)
+    x, y, z = points.T
+    return np.column_stack([cosines * x - sines * y, sines * x + cosines * y, z])
+
+
+def turned(rng, points, ends):
+    """The motion, and the rows, of points whose matches end where `ends` says, before a motion."""
+    model = naive.random_model(rng)
+    return model, np.hstack([points, ends @ model[:, :3].T + model[:, 3]])
+
+
+@pytest.mark.parametrize(("n", "most"), [(8, 0.72), (30, 0.74), (2000, 0.4)])
+def test_errors_in_all_directions_are_along_no_motion(rng, n, most):
+    points = rng.standard_normal((n, 3))
+    model, rows = turned(rng, points, points + 0.01 * rng.standard_normal((n, 3)))
+    assert share(model, rows) < most
+
+
+def share(model, rows, noise=NOISE):
+    return Registration().share_of_one_motion(model, rows, noise)
+
+
+@pytest.mark.parametrize("across", [0.005, 0.02])
+def test_matches_that_slip_around_an_axis_err_along_one_motion(rng, across):
+    points = rng.uniform(-1, 1, (1000, 3))
+    slips = 0.05 * rng.standard_normal(1000)
+    ends = around(points, slips) + across * rng.standard_normal((1000, 3))
+    moved = (points[:, :2] ** 2).sum(axis=1)  # by a radian, squared
+    along = (moved**2 * slips**2).sum() / moved.sum()
+    found = share(*turned(rng, points, ends), Noise.given(across))
+    assert found == pytest.approx((along + across**2) / (along + 3.0 * across**2), abs=0.02)
+
+
+def test_the_share_along_one_motion_depends_on_no_frame_unit_or_order(rng):
+    points = rng.uniform(-1, 1, (300, 3))
+    ends = around(points, 0.05 * rng.standard_normal(300)) + 0.005 * rng.standard_normal((300, 3))
+    shares = []
+    for unit, far in ((1.0, 0.0), (1e-3, 0.0), (1e3, 1e5)):
+        model, rows = turned(rng, points, ends)
+        shifted = rows[:, :3] + far
+        model = np.column_stack([model[:, :3], unit * (model[:, 3] - model[:, :3] @ np.full(3, far))])
+        shares.append(share(model, unit * np.hstack([shifted, rows[:, 3:]])[::-1], Noise.given(0.005 * unit)))
+    np.testing.assert_allclose(shares, shares[0], rtol=1e-6)
+
+
+def test_errors_of_one_direction_everywhere_are_those_of_a_sensor(rng):
+    points = rng.uniform([-1, -1, 4], [1, 1, 8], (500, 3))
+    depth = points / points[:, 2:] * 0.05 * rng.standard_normal((500, 1))
+    assert share(*turned(rng, points, points + depth)) == 0.0
+
+
+@pytest.mark.parametrize("n", [0, 1, 3, 4, 100])
+def test_exact_or_few_rows_are_along_no_motion(rng, n):
+    points = rng.uniform(-1, 1, (n, 3))
+    for ends in (points, points + 0.1, points * [1.0, 1.0, 1.0 + 1e-15]):
+        assert share(np.eye(3, 4), np.hstack([points, ends])) < 0.6

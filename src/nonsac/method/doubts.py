@@ -21,6 +21,7 @@ _NEAR = 3.0  # thresholds
 _SPARE = 2  # rows beyond a minimal sample that a part must hold
 _APART, _ERRORS = 8.0, 3.0  # degrees, and standard errors
 _ITERATIONS, _MOST = 6, 5000
+_LEAST_ACROSS, _OFTEN_ACROSS, _WIDER = 0.12, 0.5, (1.0, 2.0, 3.0)
 _STEP = 1.25  # thresholds, in the mean over the inliers
 # Shares of the threshold, and of the inliers that as many others may be: of a noise that was given, or not.
 _GIVEN, _FOUND = (1.0, 0.2), (0.6, 0.15)
@@ -96,6 +97,18 @@ def slippage(problem: Problem, model: Array, rows: Rows, noise: Noise, residuals
     counts = np.count_nonzero(problem.residuals(beside, others) < threshold, axis=1)
     beyond = counts - chance_rate(residuals.background, threshold) * len(others) - np.sqrt(counts)
     return float(max(beyond.max(), 0.0) / (as_many * len(inliers)))
+
+
+def slipping_apart(problem: Problem, model: Array, rows: Rows, noise: Noise, residuals: Residuals) -> float:
+    """How little of the squared residuals is across one motion: 1 is as little as is allowed.
+
+    Errors have all directions, or one. Matches that slip around a round base err along its rotation alone, each by an
+    angle of its own. A threshold may end too soon to tell, or be so large that it has other rows in it.
+    """
+    near = (rows[residuals.of_rows < factor * noise.threshold].some(_MOST).values for factor in _WIDER)
+    across = 1.0 - max(problem.share_of_one_motion(model, each, noise) for each in near)
+    usual = _LEAST_ACROSS / _OFTEN_ACROSS
+    return max(0.0, (_LEAST_ACROSS / max(across, 1e-3) - usual) / (1.0 - usual))
 
 
 def _evenly(residuals: Array) -> tuple[Array, Array]:

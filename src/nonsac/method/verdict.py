@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.layouts import Array, Rows, distinct
-from nonsac.method.doubts import certainty, disagreement, slippage
+from nonsac.method.doubts import certainty, disagreement, slippage, slipping_apart
 from nonsac.method.residuals import Residuals, chance_rate, measured_noise
 from nonsac.problems.contract import Problem
 from nonsac.problems.facts import Facts, Places
@@ -166,12 +166,13 @@ def judge_rows(candidate: Candidate, effort: Effort) -> Verdict:
     if chance >= _LARGEST_CHANCE:
         return _doubted(doubts, tests)
     parts = disagreement(problem, candidate.model, candidate.rows, noise, candidate.measured_noise)
-    slipping = slippage(problem, candidate.model, candidate.rows, noise, candidate.residuals)
-    tests |= {"slippage": slipping} if parts is None else {"slippage": slipping, "parts": parts}
+    seen = problem, candidate.model, candidate.rows, noise, candidate.residuals
+    slipping = {"slippage": slippage(*seen), "one_motion": slipping_apart(*seen)}
+    tests |= slipping if parts is None else {**slipping, "parts": parts}
     doubts.append(
         Doubt(1.0 - _certainty_of_whole(candidate, effort.searched, parts), Status.LOW_SUPPORT, Remark.PARTLY_RIGHT)
     )
-    doubts.append(Doubt(1.0 - certainty(slipping), Status.LOW_SUPPORT, Remark.SLIPPING))
+    doubts.append(Doubt(1.0 - certainty(max(slipping.values())), Status.LOW_SUPPORT, Remark.SLIPPING))
     verdict = _doubted(doubts, tests)
     return _beside_special_cases(candidate, verdict, rate) if verdict.status is Status.OK else verdict
 

@@ -147,6 +147,14 @@ class Problem(ABC):
         """
         return None
 
+    def share_of_one_motion(self, model: Array, rows: Array, noise: Noise) -> float:
+        """Share of the squared residuals of these rows that one further motion explains, if each may move by its own.
+
+        Near 1 if matches slip along a surface that looks the same all along. 0, the default, if residuals are not
+        lengths of vectors.
+        """
+        return 0.0
+
     def background(self, rows: Array, size: int, rng: np.random.Generator) -> Array:
         """So many rows (size, D) as there would be if no model held, from which the verdict takes what chance does.
 

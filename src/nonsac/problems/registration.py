@@ -34,6 +34,8 @@ from nonsac.problems.pose import (
 from nonsac.result import Uncertainty
 from nonsac.values.numeric import LEAST, MOST, as_real, shown
 
+_TURNING, _DRAWN_TO_A_THIRD, _LEAST_ERROR = 1.25, 6.0, 0.1
+
 
 @dataclass(frozen=True)
 class Registration(Streaming, Problem):
@@ -115,6 +117,28 @@ class Registration(Streaming, Problem):
         moved = (inliers[:, :3] - inliers[:, :3].mean(axis=0)) @ model[:, :3].T
         covariance = least_squares_covariance(_slopes(moved / extent, self.scale is None), noise.sigma / extent)
         return largest_error(covariance[:3, :3]), largest_error(covariance[3:6, 3:6])
+
+    def share_of_one_motion(self, model: Array, rows: Array, noise: Noise) -> float:
+        """Share of the squared errors along one rigid motion; a third, or little more, if they have no direction.
+
+        0 if they have the same direction everywhere, as those of a depth camera nearly do. A row counts by how far the
+        motion moves it. Drawn towards a third if the rows are few, since six parameters fit some of any errors, and if
+        they are exact: a tenth of the noise has all directions.
+        """
+        if len(rows) <= self.minimal_size:
+            return 0.0
+        moved = rows[:, :3] @ model[:, :3].T
+        errors, least = rows[:, 3:] - moved - model[:, 3], (_LEAST_ERROR * noise.sigma) ** 2
+        squares = (errors**2).sum(axis=1) + 3.0 * least
+        slopes = _slopes((moved - moved.mean(axis=0)) / self._extent(model, rows), free_scale=False)
+        along = (slopes * errors[:, :, None]).sum(axis=1)
+        every, single = slopes.reshape(-1, 6), (slopes * squares[:, None, None]).reshape(-1, 6)
+        root = np.linalg.inv(np.linalg.cholesky(single.T @ every / squares.sum() + 1e-9 * np.eye(6)))
+        share = np.linalg.eigvalsh(root @ (along.T @ along + least * every.T @ every) @ root.T)[-1] / squares.sum()
+        straight = np.linalg.eigvalsh(errors.T @ errors + least * len(rows) * np.eye(3))[-1] / squares.sum()
+        if share < _TURNING * straight:
+            return 0.0
+        return float((len(rows) * share + _DRAWN_TO_A_THIRD / 3.0) / (len(rows) + _DRAWN_TO_A_THIRD))
 
     def covariance(self, model: Array, inliers: Array, noise: Noise) -> Array:
         """Covariance (6, 6) of the rotation vector w (R becomes exp([w]x) R, radians) and of t.
