@@ -225,6 +225,7 @@ def test_everything_but_the_search_has_a_default(rng):
     assert found.promising is None
     assert len(found.rank_scores) == 0
     assert estimator.search_jointly(problem, [found], rows, Noise.given(0.1), rng) is None
+    assert estimator.search_jointly_at_any_noise(problem, [found], rng) is None
 
 
 @pytest.mark.parametrize("name", sorted(GENERIC))

@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 
 import naive
-from nonsac import Estimator, Noise, Pcr99, Ransac, absolute_pose, register_pairs, relative_pose, simulate
+from nonsac import (
+    ArraySource,
+    ContractBroken,
+    Estimator,
+    Hypothesis,
+    Noise,
+    Pcr99,
+    Ransac,
+    absolute_pose,
+    estimate,
+    register_pairs,
+    relative_pose,
+    simulate,
+)
 from nonsac.evaluation import rotation_error
 from nonsac.layouts import Rows
 from nonsac.method import unknown_noise
@@ -77,6 +90,43 @@ def test_the_noise_is_guessed_before_there_is_a_model(rng, name, noise):
 def test_rows_that_determine_nothing_still_get_a_guess(rng):
     for rows in (np.ones((100, 6)), np.ones((2, 6)), rng.random((1, 6)), np.empty((0, 6))):
         assert guessed(Registration(), Pcr99.for_pairs(), rows, rng) == 1.0
+
+
+def test_where_single_samples_say_nothing_a_joint_search_finds_the_noise():
+    """Of 2,000 rows ten are right: no sample shows them, four together do."""
+    drawn = []
+    for seed in range(8):
+        pairs = simulate.registration(20_000, 0.995, 0.01, seed)
+        result = register_pairs(pairs.source, pairs.target, rng=seed)
+        assert result.success
+        assert result.noise == pytest.approx(0.01, rel=0.35)
+        assert naive.angle_between(result.R, pairs.T[:3, :3]) < 1.0
+        drawn.append(result.info["samples"])
+    assert np.median(drawn) <= 4
+    assert max(drawn) <= 8
+
+
+class Jointly(Ransac):
+    """Finds nothing in a sample, and what it is told to in several."""
+
+    def __init__(self, answer):
+        super().__init__(10)
+        object.__setattr__(self, "answer", answer)
+
+    def estimate_at_any_noise(self, problem, rows, rng):
+        return Hypothesis(problem.solve_minimal(rows.values[None, :1])[0], np.full(len(rows), 1.0), 0.1, tested=1)
+
+    def search_jointly_at_any_noise(self, problem, hypotheses, rng):
+        return self.answer()
+
+
+def test_a_joint_search_that_fails_costs_nothing_and_one_that_gives_nonsense_is_named(rng):
+    x = rng.uniform(-1, 1, 20_000)
+    source = ArraySource(np.column_stack([x, x + 3.0 + 0.01 * rng.standard_normal(20_000)]))
+    result = estimate(source, naive.Shift(), estimator=Jointly(lambda: 1 / 0), noise=None)
+    assert result.found
+    with pytest.raises(ContractBroken, match=r"Jointly.search_jointly_at_any_noise must give a nonsac.Hypothesis"):
+        estimate(source, naive.Shift(), estimator=Jointly(lambda: 3), noise=None)
 
 
 class Failing(Estimator):

@@ -67,6 +67,12 @@ class Estimator(ABC):
         """One more search after the samples, where their findings meet, given all their rows; by default none."""
         return None
 
+    def search_jointly_at_any_noise(
+        self, problem: Problem, hypotheses: Sequence[Hypothesis], rng: np.random.Generator
+    ) -> Hypothesis | None:
+        """The same if the noise is not known: some rows, the best model of them and its threshold; by default none."""
+        return None
+
 
 def checked_hypothesis(
     hypothesis: object, problem: Problem, estimator: Estimator, method: str = "estimate"

@@ -126,20 +126,23 @@ class Pcr99(Estimator):
         return problem
 
     def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
-        registration, threshold, weights = self._registration(problem), noise.threshold, rows.mean_weights
+        hypothesis, ranks = self._estimated(self._registration(problem), rows, noise.threshold, rng)
+        return hypothesis if ranks is None else _with_promising(hypothesis, rows, ranks)
+
+    def _estimated(
+        self, problem: Registration, rows: Rows, threshold: float, rng: np.random.Generator
+    ) -> tuple[Hypothesis, Array | None]:
+        """The best model, and by what the rows were ranked, which can be compared with that of other samples."""
         # In units of the threshold, so that single precision serves any unit.
         columns = np.ascontiguousarray((rows.values - centre(rows.values)).T / threshold)
-        if registration.scale is None:
+        if problem.scale is None:
             columns[:3] *= _size(columns[3:]) / _size(columns[:3])  # ratios are sought within e^4 of 1
-        ranks = None if self.order == "random" else self._rank_scores(columns, registration)
-        if ranks is not None and weights is not None:
-            ranks *= weights
-        triplets = self._triplets(registration, columns, ranks, rng)
-        hypothesis = self._found(registration, rows, threshold, *self._search(registration, rows, threshold, triplets))
-        if ranks is None:
-            return hypothesis
-        first = np.argsort(-ranks, kind="stable")[: max(3, len(rows) // _PROMISING)]
-        return replace(hypothesis, promising=rows[first], rank_scores=ranks[first])
+        ranks = None if self.order == "random" else self._rank_scores(columns, problem)
+        if ranks is not None and rows.mean_weights is not None:
+            ranks *= rows.mean_weights
+        triplets = self._triplets(problem, columns, ranks, rng)
+        hypothesis = self._found(problem, rows, threshold, *self._search(problem, rows, threshold, triplets))
+        return hypothesis, None if ranks is None else _standardised(ranks)
 
     def estimate_at_any_noise(self, problem: Problem, rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
         """The model and the threshold that are together least likely by chance, of some thresholds to search with."""
@@ -147,21 +150,20 @@ class Pcr99(Estimator):
         if ladder is None:
             return None
         octaves = Octaves(problem, rows, ladder, lambda model, threshold: model)
-        found = {}
+        registration, tested, most = self._registration(problem), 0, np.full(len(rows), -np.inf)
         for threshold in ladder.coarse():
-            found[threshold] = self.estimate(problem, rows, Noise.within(threshold, known=False), rng)
-            if found[threshold].found:
-                octaves.keep(found[threshold].model)
+            found, ranks = self._estimated(registration, rows, threshold, rng)
+            tested += found.tested or 0
+            most = most if ranks is None else np.maximum(most, ranks)
+            if found.found:
+                octaves.keep(found.model)
         chosen = octaves.chosen()
         if chosen is None:
             return None
         model, threshold, score = chosen
-        nearest = found[min(found, key=lambda each: abs(np.log(each / threshold)))]
-        residuals, tested = (
-            problem.residuals(model[None], rows.values)[0],
-            sum(each.tested or 0 for each in found.values()),
-        )
-        return replace(nearest, model=model, residuals=residuals, threshold=threshold, tested=tested, log_chance=-score)
+        residuals = problem.residuals(model[None], rows.values)[0]
+        hypothesis = Hypothesis(model, residuals, threshold, tested=tested, log_chance=-score)
+        return hypothesis if self.order == "random" else _with_promising(hypothesis, rows, most)
 
     def search_jointly(
         self,
@@ -175,14 +177,19 @@ class Pcr99(Estimator):
 
         A sample with too few right rows still ranks them higher than most others.
         """
-        ranked = [(h.promising, h.rank_scores) for h in hypotheses if h.promising is not None]
-        if not ranked:
-            return None
-        scores = np.concatenate([scores for _, scores in ranked])
-        size = max(len(h.residuals) for h in hypotheses)
-        pool = Rows.joined([promising for promising, _ in ranked])[np.argsort(-scores, kind="stable")[:size]]
-        thorough = replace(self, max_valid=3 * self.max_valid, max_drawn=3 * self.max_drawn)
-        return thorough.estimate(problem, pool, noise, rng)
+        pool = _most_promising(hypotheses)
+        return None if pool is None else self._thorough.estimate(problem, pool, noise, rng)
+
+    def search_jointly_at_any_noise(
+        self, problem: Problem, hypotheses: Sequence[Hypothesis], rng: np.random.Generator
+    ) -> Hypothesis | None:
+        """The same, of rows that are consistent with many others at some threshold."""
+        pool = _most_promising(hypotheses)
+        return None if pool is None else self._thorough.estimate_at_any_noise(problem, pool, rng)
+
+    @property
+    def _thorough(self) -> Pcr99:
+        return replace(self, max_valid=3 * self.max_valid, max_drawn=3 * self.max_drawn)
 
     def _found(self, problem: Problem, rows: Rows, threshold: float, model: Array, tested: int) -> Hypothesis:
         """The hypothesis after a fit to the rows near a model."""
@@ -261,6 +268,27 @@ class Pcr99(Estimator):
         else:
             count_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, counts)
         return counts.astype(np.float64)
+
+
+def _standardised(scores: Array) -> Array:
+    """Scores that can be compared between samples and thresholds: a few consistent rows are many for the finest."""
+    return (scores - scores.mean()) / max(scores.std(), 1.0)
+
+
+def _with_promising(hypothesis: Hypothesis, rows: Rows, scores: Array) -> Hypothesis:
+    """With the rows of the highest scores."""
+    first = np.argsort(-scores, kind="stable")[: max(3, len(rows) // _PROMISING)]
+    return replace(hypothesis, promising=rows[first], rank_scores=scores[first])
+
+
+def _most_promising(hypotheses: Sequence[Hypothesis]) -> Rows | None:
+    """The rows of the highest scores in several samples, as many as in one."""
+    ranked = [(h.promising, h.rank_scores) for h in hypotheses if h.promising is not None]
+    if not ranked:
+        return None
+    scores = np.concatenate([scores for _, scores in ranked])
+    size = max(len(h.residuals) for h in hypotheses)
+    return Rows.joined([promising for promising, _ in ranked])[np.argsort(-scores, kind="stable")[:size]]
 
 
 def _size(columns: Array) -> float:

@@ -87,9 +87,9 @@ def kept(source: Source, seed: int, max_rows: int) -> Source:
     return held
 
 
-def next_round(drawn: int) -> int:
-    """As many samples as there were before, and two to begin with."""
-    return max(_FIRST_ROUND - drawn, drawn)
+def first_round(found: int) -> int:
+    """Two samples to begin with, less those in which something was found; each further round is as many as before."""
+    return max(_FIRST_ROUND - found, 0)
 
 
 def next_size(refinement: Refinement | None, rows: int) -> int:

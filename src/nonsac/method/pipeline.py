@@ -11,7 +11,7 @@ from nonsac.estimators.contract import Estimator
 from nonsac.layouts import Array
 from nonsac.method import scoring
 from nonsac.method.block_draw import blocks_behind, remarks_on_blocks
-from nonsac.method.budget import Budget, chosen_blocks, kept, next_round, next_size
+from nonsac.method.budget import Budget, chosen_blocks, first_round, kept, next_size
 from nonsac.method.doubts import certainty
 from nonsac.method.refine import Refinement, refined
 from nonsac.method.search import SampleTask, Search, Stop
@@ -79,8 +79,9 @@ class Method:
         `found` is what was found in the first samples.
         """
         search, clock, settings = self.search.begun(noise, found), Stopwatch(), self.settings
+        count = first_round(len(found)) if settings.samples == "auto" else search.most
         while True:
-            search.draw(next_round(len(search.hypotheses)) if settings.samples == "auto" else search.most)
+            search.draw(count)
             clock.lap("hypotheses")
             winner, scores = scoring.select(settings.rule, search.hypotheses, search.problem)
             clock.lap("selection")
@@ -92,6 +93,7 @@ class Method:
                 return Answer(search, refinement, scoring.scored(search.hypotheses, scores), clock)
             if settings.sample_size == "auto":
                 search.task = replace(search.task, sample_size=next_size(refinement, len(search.task.source)))
+            count = len(search.hypotheses)
 
     def judged_at(self, noise: Noise, answer: Answer) -> Answer:
         """What is made of the same hypotheses at another noise."""

@@ -156,6 +156,8 @@ class Search:
     def draw(self, count: int) -> None:
         """Estimate in so many further samples, or fewer."""
         count = min(count, self._left())
+        if count <= 0:
+            return
         before = len(self.hypotheses)
         self.task.read_ahead(count)
         elsewhere = are_elsewhere(self.workers)

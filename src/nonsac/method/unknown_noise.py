@@ -16,6 +16,7 @@ from nonsac.method.residuals import Residuals, noise_of_model, telling_of
 from nonsac.method.search import SampleTask
 from nonsac.problems.contract import ContractBroken, Problem, blame, residuals_of
 from nonsac.problems.fits import reweighted_fit
+from nonsac.problems.ladder import BEYOND, LADDER, Telling
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Status
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 _SURELY, _MORE_SURELY = 2.5, 8.0  # a model that is right in part means something, too
 _LOG_CHANCE = float(np.log(1e-6))
-_SAMPLES_FOR_NOISE, _SAMPLES_FOR_GUESS = 12, 3
+_SAMPLES_FOR_NOISE, _SAMPLES_FOR_GUESS, _JOINTLY_AFTER = 12, 3, (2, 4, 8)
 _NO_CHANGE = 0.1
 _TURNS, _FIT, _LEAST_RUNG = 3, 10, 0.01
 _MOST_REPETITIONS, _SAME_NOISE, _ANOTHER_NOISE = 3, 1.25, 3.0
@@ -90,7 +91,7 @@ def first_findings(
     chance, nor a model that is right in part; `surely` says how far it must be beyond chance. Its noise is measured on
     the rows of its sample, and the model fitted again with that, by turns.
     """
-    found = list(before)
+    found, looked_at = list(before), []
     for sample in range(len(found), min(_SAMPLES_FOR_NOISE, samples)):
         rows, dropped = task.rows(sample)
         rng = np.random.default_rng([task.seed, task.number + sample])
@@ -99,11 +100,40 @@ def first_findings(
             if not found:
                 return None
             break
-        found.append(replace(_settled(task.problem, hypothesis, rows), sample=sample, dropped=dropped))
-        if hypothesis.log_chance < surely * _LOG_CHANCE - np.log(max(hypothesis.tested or 1, 1)):
+        found.append(replace(hypothesis, sample=sample, dropped=dropped))
+        looked_at.append(rows)
+        if _is_sure(hypothesis, surely):
             break
-    best = min(found, key=lambda hypothesis: hypothesis.log_chance)
-    return Findings(tuple(found), Noise.within(best.threshold).sigma)
+        if len(looked_at) in _JOINTLY_AFTER:
+            joint = _jointly(task, found, Rows.joined(looked_at), rng)
+            if joint is not None and _is_sure(joint, surely):
+                return Findings(tuple(found), Noise.within(joint.threshold).sigma)
+    best = min(range(len(found)), key=lambda number: found[number].log_chance)
+    if best >= len(before):
+        found[best] = _settled(task.problem, found[best], looked_at[best - len(before)])
+    return Findings(tuple(found), Noise.within(found[best].threshold).sigma)
+
+
+def _is_sure(found: Hypothesis, surely: float) -> bool:
+    """Whether a model is so far beyond chance, out of all that were tested."""
+    return found.log_chance < surely * _LOG_CHANCE - np.log(max(found.tested or 1, 1))
+
+
+def _jointly(task: SampleTask, found: Sequence[Hypothesis], rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
+    """What a joint search finds, judged on all rows of the samples, as its own were chosen."""
+    name = "search_jointly_at_any_noise"
+    try:
+        joint = task.estimator.search_jointly_at_any_noise(task.problem, found, rng)
+    except ContractBroken:
+        raise
+    except Exception:  # of somebody's estimator: the samples' own findings are there
+        return None
+    if joint is None or not checked_hypothesis(joint, task.problem, task.estimator, name).found:
+        return None
+    settled = _settled(task.problem, joint, rows)
+    score = Telling(task.problem, rows).of(settled.model, settled.threshold * LADDER / LADDER[-1 - BEYOND]).score
+    tested = sum(each.tested or 0 for each in (*found, joint))
+    return replace(settled, log_chance=-score, tested=tested)
 
 
 def _at_any_noise(task: SampleTask, rows: Rows, rng: np.random.Generator) -> Hypothesis | None:
