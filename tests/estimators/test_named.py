@@ -3,7 +3,7 @@ import pytest
 import naive
 from nonsac import AbsolutePose, Estimator, External, Pcr99, Ransac, Registration, RelativePose
 from nonsac.clouds.problem import OrientedRegistration
-from nonsac.estimators.named import ESTIMATORS, chosen_estimator, default_estimator
+from nonsac.estimators.named import ESTIMATORS, Named, chosen_estimator, default_estimator, estimators_for
 
 PROBLEMS = [Registration(), Registration(None), RelativePose(), AbsolutePose(), naive.Shift(), naive.Line()]
 problems = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: type(problem).__name__)
@@ -38,11 +38,39 @@ def test_the_default_is_the_one_of_its_name(problem):
     assert chosen_estimator(None, problem) == chosen_estimator(default_estimator(problem), problem)
 
 
+@problems
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_every_name_gives_an_estimator_that_can_work_on_a_registration(name):
-    chosen = chosen_estimator(name, Registration())
-    assert isinstance(chosen, Estimator)
-    assert chosen.check(Registration()) is None
+def test_every_name_gives_an_estimator_for_the_problems_that_it_fits(name, problem):
+    named = ESTIMATORS[name]
+    if not named.fits(problem):
+        with pytest.raises(TypeError, match=rf"^{name} is for .*, got {type(problem).__name__}$"):
+            chosen_estimator(name, problem)
+    elif named.is_installed:
+        estimator = named.made_for(problem)
+        assert isinstance(estimator, Estimator)
+        if problem != Registration(None):  # some need a scale, and say so
+            assert estimator.check(problem) is None
+    else:
+        with pytest.raises(ValueError, match=rf'^{name} needs .*: pip install "nonsac\[{named.extra}\]"$'):
+            chosen_estimator(name, problem)
+
+
+def test_names_are_listed_with_what_they_are():
+    assert estimators_for(Registration())[:2] == ["ransac", "pcr99"]
+    assert "pcr99" not in estimators_for(RelativePose())
+    for named in ESTIMATORS.values():
+        assert named.about
+        assert "\n" not in named.about
+        assert (named.needs is None) == (named.extra is None)
+
+
+def test_what_is_not_installed_is_refused_with_the_extra_that_installs_it(monkeypatch):
+    missing = Named("ransac:default", "nobody's", needs="no_such_module", extra="none")
+    monkeypatch.setitem(ESTIMATORS, "missing", missing)
+    assert not missing.is_installed
+    message = r'^missing needs no_such_module, which is not installed: pip install "nonsac\[none\]"$'
+    with pytest.raises(ValueError, match=message):
+        chosen_estimator("missing", RelativePose())
 
 
 def test_pcr99_compares_distances_if_the_scale_is_known():
@@ -62,9 +90,9 @@ def test_ransac_searches_longer_for_a_relative_pose():
     assert chosen_estimator("ransac", RelativePose()) == expected
 
 
-@pytest.mark.parametrize("name", ["", "RANSAC", "magsac", "pcr-99"])
-def test_an_unknown_name_is_refused_with_the_known_ones(name):
-    with pytest.raises(ValueError, match="estimator must be one of ransac, pcr99, or an object, got") as caught:
+@pytest.mark.parametrize("name", ["", "RANSAC", "no_such", "pcr-99"])
+def test_an_unknown_name_is_refused_with_those_that_fit(name):
+    with pytest.raises(ValueError, match=r"estimator must be one of ransac, pcr99.* or an object, got") as caught:
         chosen_estimator(name, Registration())
     assert repr(name) in str(caught.value)
 
@@ -114,10 +142,9 @@ def test_an_estimator_has_the_last_word_on_the_problem():
 
 
 @pytest.mark.parametrize("problem", PROBLEMS[2:], ids=lambda problem: type(problem).__name__)
-@pytest.mark.parametrize("given", ["pcr99", Pcr99.for_pairs()], ids=["name", "object"])
-def test_pcr99_is_refused_for_all_but_registrations(problem, given):
+def test_pcr99_is_refused_for_all_but_registrations(problem):
     with pytest.raises(TypeError, match=f"Pcr99 estimates 3D registrations only, got {type(problem).__name__}"):
-        chosen_estimator(given, problem)
+        chosen_estimator(Pcr99.for_pairs(), problem)
 
 
 def test_distances_are_refused_for_a_free_scale():

@@ -1,38 +1,72 @@
-"""The core estimators by name."""
+"""The core estimators by name: what each is for, where it is, and what it needs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import cast
 
 from nonsac.estimators.contract import Estimator
 from nonsac.estimators.external import External
-from nonsac.estimators.pcr99 import Pcr99
-from nonsac.estimators.ransac import Ransac
 from nonsac.problems.contract import Problem
 from nonsac.problems.registration import Registration
 
 
-def ransac(problem: Problem) -> Estimator:
-    """RANSAC with local optimisation and early stopping.
+@dataclass(frozen=True)
+class Named:
+    """An estimator that can be asked for by name.
 
-    With a small baseline nearly every relative pose has nearly all inliers, and a good one needs a longer search.
+    Attributes
+    ----------
+    where : str
+        `module:function` in `nonsac.estimators`. The function makes the estimator for a problem; the module is not
+        imported before.
+    about : str
+        What it is, and whose, in one line.
+    problems : tuple of str
+        Classes of problems that it is for; any problem if there are none.
+    needs : str or None
+        Module of another library.
+    extra : str or None
+        The extra of this package that installs it, `pip install "nonsac[extra]"`.
     """
-    least = 1000 if problem.minimal_size > 4 else 100
-    return Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=least)
+
+    where: str
+    about: str
+    problems: tuple[str, ...] = ()
+    needs: str | None = None
+    extra: str | None = None
+
+    def fits(self, problem: Problem) -> bool:
+        """Whether it is for this kind of problem; its own `check` has the last word."""
+        return not self.problems or any(base.__name__ in self.problems for base in type(problem).__mro__)
+
+    @property
+    def is_installed(self) -> bool:
+        return self.needs is None or find_spec(self.needs) is not None
+
+    def made_for(self, problem: Problem) -> Estimator:
+        module, function = self.where.split(":")
+        return cast(Estimator, getattr(import_module(f"nonsac.estimators.{module}"), function)(problem))
 
 
-def pcr99(problem: Problem) -> Estimator:
-    """The paper's variant of PCR-99 (Sec. 4.3), or the published one if the scale is free."""
-    free = isinstance(problem, Registration) and problem.scale is None
-    return Pcr99() if free else Pcr99.for_pairs()
+_PAIRS = ("Registration",)
 
-
-ESTIMATORS: dict[str, Callable[[Problem], Estimator]] = {"ransac": ransac, "pcr99": pcr99}
+ESTIMATORS: dict[str, Named] = {
+    "ransac": Named("ransac:default", "RANSAC with local optimisation and early stopping (Fischler 1981, Chum 2003)"),
+    "pcr99": Named("pcr99:default", "PCR-99, pairs ranked by consistency (Lee et al. 2024; NONSAC, Sec. 4.3)", _PAIRS),
+}
 
 
 def default_estimator(problem: Problem) -> str:
     """The name of the estimator that is used if none is given."""
     return "pcr99" if isinstance(problem, Registration) else "ransac"
+
+
+def estimators_for(problem: Problem) -> list[str]:
+    """The names of those that are for a problem, installed or not."""
+    return [name for name, named in ESTIMATORS.items() if named.fits(problem)]
 
 
 def chosen_estimator(estimator: object, problem: Problem) -> Estimator:
@@ -41,14 +75,12 @@ def chosen_estimator(estimator: object, problem: Problem) -> Estimator:
     Raises
     ------
     TypeError, ValueError
-        If it is none of these, or cannot work on the problem.
+        If it is none of these, cannot work on the problem, or needs what is not installed.
     """
     if estimator is None:
         estimator = default_estimator(problem)
     if isinstance(estimator, str):
-        if estimator not in ESTIMATORS:
-            raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}, or an object, got {estimator!r}")
-        chosen = ESTIMATORS[estimator](problem)
+        chosen = _by_name(estimator, problem)
     elif isinstance(estimator, Estimator):
         chosen = estimator
     elif callable(estimator) and not isinstance(estimator, type):
@@ -60,6 +92,17 @@ def chosen_estimator(estimator: object, problem: Problem) -> Estimator:
         )
     chosen.check(problem)
     return chosen
+
+
+def _by_name(name: str, problem: Problem) -> Estimator:
+    if name not in ESTIMATORS:
+        raise ValueError(f"estimator must be one of {', '.join(estimators_for(problem))}, or an object, got {name!r}")
+    named = ESTIMATORS[name]
+    if not named.fits(problem):
+        raise TypeError(f"{name} is for {' and '.join(named.problems)}, got {type(problem).__name__}")
+    if not named.is_installed:
+        raise ValueError(f'{name} needs {named.needs}, which is not installed: pip install "nonsac[{named.extra}]"')
+    return named.made_for(problem)
 
 
 def _told(value: object) -> str:

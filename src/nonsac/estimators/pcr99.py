@@ -270,6 +270,12 @@ class Pcr99(Estimator):
         return counts.astype(np.float64)
 
 
+def default(problem: Problem) -> Pcr99:
+    """The paper's variant of PCR-99 (Sec. 4.3), or the published one if the scale is free."""
+    free = isinstance(problem, Registration) and problem.scale is None
+    return Pcr99() if free else Pcr99.for_pairs()
+
+
 def _standardised(scores: Array) -> Array:
     """Scores that can be compared between samples and thresholds: a few consistent rows are many for the finest."""
     return (scores - scores.mean()) / max(scores.std(), 1.0)

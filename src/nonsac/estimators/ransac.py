@@ -178,6 +178,15 @@ class Ransac(Estimator):
         return both[int(np.argmin(biweight_costs(problem, both, rows, threshold)))]
 
 
+def default(problem: Problem) -> Ransac:
+    """RANSAC with local optimisation and early stopping.
+
+    With a small baseline nearly every relative pose has nearly all inliers, and a good one needs a longer search.
+    """
+    least = 1000 if problem.minimal_size > 4 else 100
+    return Ransac(20_000, confidence=0.9999, local_optimisation=True, least_iterations=least)
+
+
 def _promising(problem: Problem, models: Array, rows: Rows, threshold: float) -> Array:
     """Those of some models, an eighth, that have the most inliers among a part of the rows; all, if rows are few.
 
