@@ -4,7 +4,7 @@ from scipy.stats import binom
 
 import naive
 import nonsac
-from nonsac import Noise, SpecialCase
+from nonsac import Noise, SpecialCase, register_pairs, simulate
 from nonsac.layouts import Rows
 from nonsac.method import verdict as verdicts
 from nonsac.method.residuals import Residuals
@@ -356,3 +356,13 @@ def test_another_model_that_is_no_motion_has_no_matrix():
     other = verdicts.alternative(naive.Line(), naive.line_model(30.0, 2.0), 0.4)
     assert (other.T, other.support) == (None, 0.4)
     np.testing.assert_array_equal(other.model, naive.line_model(30.0, 2.0))
+
+
+@pytest.mark.parametrize("outliers", [0.992, 0.995])
+def test_more_rows_than_a_scene_has_places_do_not_make_an_answer_less_certain(outliers):
+    """Of 256,000 rows 1,000 are near by chance, and 2,000 are right, in 400 places."""
+    pairs = simulate.registration(300_000, outliers, 0.02, 0)
+    result = register_pairs(pairs.source, pairs.target, noise=0.02, samples=128, sample_size=2000)
+    assert result.info["tests"]["facts"] < 0.4 * result.num_inliers
+    assert result.success
+    assert naive.angle_between(result.R, pairs.T[:3, :3]) < 1.0

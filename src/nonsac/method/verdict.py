@@ -14,7 +14,7 @@ from nonsac.layouts import Array, Rows, distinct
 from nonsac.method.doubts import certainty, disagreement, slippage, slipping_apart
 from nonsac.method.residuals import Residuals, chance_rate, measured_noise
 from nonsac.problems.contract import Problem
-from nonsac.problems.facts import Facts, Places
+from nonsac.problems.facts import LOOKED_AT, Facts, Places
 from nonsac.problems.ladder import BEYOND, LADDER, Telling
 from nonsac.problems.noise import Noise
 from nonsac.result import Alternative, Remark, Status
@@ -23,6 +23,7 @@ from nonsac.values import special
 _LARGEST_CHANCE = 1e-6
 _CLEAR_LEAD = 4.0
 _AROUND, _ABOVE = 12, 2  # rungs
+_CROWDED, _FEWEST = 0.6, 200
 _LEAST_SHARE = 1e-6  # exact rows leave residuals of rounding only
 _MORE_THAN_BACKGROUND, _MORE_THAN_BESIDE = 1.25, 2.0
 
@@ -83,13 +84,25 @@ class Candidate:
         """Those of the inliers that are in places of their own."""
         return self._facts(Places.of(self.problem, self.rows.values))
 
+    @property
+    def facts_of_fewer(self) -> list[Facts]:
+        """Those among fewer of the inliers, too, while most of them share a place with another.
+
+        A scene has only so many places: where all are taken, further rows that match nothing would add to what is
+        expected, and further inliers nothing to what is found.
+        """
+        found = [self.facts]
+        while found[-1].count < _CROWDED * found[-1].looked_at and found[-1].looked_at >= 2 * _FEWEST:
+            found.append(self._facts(Places.of(self.problem, self.rows.values), found[-1].looked_at // 2))
+        return found
+
     @cached_property
     def resolved(self) -> Facts:
         """Those of the inliers that the noise lets one tell apart; neighbours need not be independent of each other."""
         return self._facts(Places.finest(self.problem))
 
-    def _facts(self, places: Places) -> Facts:
-        return Facts.of(self.model, self.rows.values[self.inliers], len(self.rows), self.noise, places)
+    def _facts(self, places: Places, most: int = LOOKED_AT) -> Facts:
+        return Facts.of(self.model, self.rows.values[self.inliers], len(self.rows), self.noise, places, most)
 
     @cached_property
     def measured_noise(self) -> float:
@@ -157,7 +170,8 @@ def judge_rows(candidate: Candidate, effort: Effort) -> Verdict:
     if not problem.determined(candidate.model, inliers, noise):
         return Verdict(Status.DEGENERATE, 0.0)
     rate = candidate.chance_rate
-    chance = _chance(candidate, candidate.facts, rate)
+    counted = candidate.facts_of_fewer
+    chance = len(counted) * min(_chance(candidate, facts, rate) for facts in counted)
     if not noise.known and problem.layout.split is not None:
         chance = min(chance, candidate.least_chance)
     chance = min(1.0, chance * max(effort.compared, 1))

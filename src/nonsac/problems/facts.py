@@ -12,7 +12,7 @@ from nonsac.layouts import Array, distinct
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
 
-_LOOKED_AT, _FOR_EXTENT = 2000, 1000
+LOOKED_AT, _FOR_EXTENT = 2000, 1000
 _PLACE = 0.035  # of the extent of a half
 
 
@@ -35,7 +35,7 @@ class Facts:
     share: float
 
     @classmethod
-    def of(cls, model: Array, inliers: Array, rows: int, noise: Noise, places: Places, most: int = _LOOKED_AT) -> Facts:
+    def of(cls, model: Array, inliers: Array, rows: int, noise: Noise, places: Places, most: int = LOOKED_AT) -> Facts:
         """Those of some inliers (K, D), of which at most so many are looked at, among so many rows."""
         if len(inliers) <= most:
             chosen = places.independent(model, inliers, noise)
@@ -45,6 +45,11 @@ class Facts:
         chosen[looked_at] = places.independent(model, inliers[looked_at], noise)
         share = len(looked_at) / len(inliers)
         return cls(chosen, int(share * rows) - len(looked_at) + int(np.count_nonzero(chosen)), share)
+
+    @property
+    def looked_at(self) -> int:
+        """Inliers that were compared with each other."""
+        return round(self.share * len(self.chosen))
 
     @property
     def repetition(self) -> float:
