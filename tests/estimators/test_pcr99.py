@@ -217,11 +217,6 @@ def test_wrong_settings_are_refused_by_name(name, wrong):
         Pcr99(**{name: wrong})
 
 
-def test_sums_are_of_log_ratios():
-    with pytest.raises(ValueError, match='rank="sum" adds up differences of log ratios'):
-        Pcr99("distance", rank="sum")
-
-
 def test_distances_need_a_known_scale(rng):
     with pytest.raises(ValueError, match="needs a known scale"):
         run(Pcr99.for_pairs(), rng.standard_normal((20, 6)), scale=None)
@@ -297,6 +292,17 @@ def test_ranked_by_sums_promising_rows_are_those_whose_ratios_differ_least(rng):
     a, b = (np.linalg.norm(half[:, None] - half[None], axis=2) for half in (rows[:, :3], rows[:, 3:]))
     ratios = np.log(b + np.eye(1000)) - np.log(a + np.eye(1000))  # 0 of a row with itself
     sums = np.maximum(0, 0.1 - np.abs(ratios)).sum(axis=1) - 0.1
+    np.testing.assert_allclose(hypothesis.rank_scores, np.sort(standardised(sums))[::-1][:100], atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.5])
+def test_ranked_by_sums_of_distances_they_are_those_whose_distances_differ_least(rng, scale):
+    _, (rows,) = samples_of(rng, 1, 60)
+    rows[:, 3:] *= scale
+    estimator = Pcr99("distance", rank="sum", tolerance=0.4, max_drawn=1000)
+    hypothesis = run(estimator, rows, threshold=0.1, scale=scale)
+    a, b = (np.linalg.norm(half[:, None] - half[None], axis=2) for half in (rows[:, :3], rows[:, 3:]))
+    sums = np.maximum(0, 0.4 - np.abs(b - scale * a) / 0.1).sum(axis=1) - 0.4  # in thresholds; 0 of a row with itself
     np.testing.assert_allclose(hypothesis.rank_scores, np.sort(standardised(sums))[::-1][:100], atol=1e-9)
 
 

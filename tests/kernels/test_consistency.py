@@ -10,6 +10,7 @@ from nonsac.kernels.consistency import (
     count_consistent_ratios,
     ranked_triplets,
     screened_triplets,
+    sum_consistent_distances,
     sum_consistent_ratios,
 )
 
@@ -199,3 +200,14 @@ def test_ratio_sums_are_truncated_differences_turned_round(rng, n, scale):
         truncated = [np.minimum(np.abs(ratios - middle), tolerance).sum() for middle in middles]
         expected = tolerance * (n - 1) - np.array(truncated)
         assert np.isclose(sums[i], expected, rtol=1e-9, atol=1e-12).any()
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 60])
+def test_distance_sums_are_truncated_differences_turned_round(rng, n):
+    rows = mixed_rows(rng, n, 1.0)
+    tolerance, sums = 0.2, np.full(n, -1.0)
+    sum_consistent_distances(columns(rows), tolerance, sums)
+    for i in range(n):
+        a, b = (np.linalg.norm(np.delete(half, i, axis=0) - half[i], axis=1) for half in (rows[:, :3], rows[:, 3:]))
+        expected = tolerance * (n - 1) - np.minimum(np.abs(b - a), tolerance).sum()
+        assert np.isclose(sums[i], expected, rtol=1e-9, atol=1e-12)

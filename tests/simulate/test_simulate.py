@@ -410,3 +410,30 @@ def test_surface_points_are_uniform(monkeypatch):
 def test_demo_scans_refuses(options, message):
     with pytest.raises(ValueError, match=message):
         demo_scans(0, **options)
+
+
+# --- a second camera that sees all ------------------------------------------------------------------------------------
+
+
+def test_the_camera_of_the_paper_sees_all_that_the_first_one_sees():
+    rng, turns = np.random.default_rng(0), []
+    for seed in range(40):
+        T = relative_pose(1, 0.0, 0.0, seed, sees_all=True).T
+        depths = np.concatenate([rng.uniform(0.1, 10.0, 2000), [0.1, 10.0]])[:, None]
+        image = np.concatenate([rng.uniform(-1.0, 1.0, (2000, 2)), [[1.0, -1.0], [-1.0, -1.0]]])
+        seen = move(T, np.column_stack([image * depths, depths]))
+        assert (seen[:, 2] > 0.1).all()
+        assert (np.abs(seen[:, :2]) <= seen[:, 2:] + 1e-12).all()
+        assert np.linalg.norm(T[:3, 3]) == pytest.approx(1.0)
+        turns.append(np.degrees(np.arccos(np.clip((np.trace(T[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))))
+    quarters = np.rint(np.array(turns) / 90.0)
+    assert set(quarters) == {0.0, 1.0, 2.0}
+    assert np.abs(turns - 90.0 * quarters).max() < 6.0
+
+
+def test_both_problems_and_all_sizes_have_the_same_such_camera():
+    pair, single = (make(300, 0.3, 0.01, 5, sees_all=True) for make in (relative_pose, absolute_pose))
+    np.testing.assert_array_equal(pair.T, single.T)
+    np.testing.assert_array_equal(pair.T, relative_pose(7, 0.0, 1.0, 5, sees_all=True).T)
+    assert not np.array_equal(pair.T, relative_pose(300, 0.3, 0.01, 5).T)
+    assert pair.inliers.sum() == single.inliers.sum() == 210

@@ -74,6 +74,12 @@ def table2(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the table, the errors and the times (.png, .pdf or .svg).")
     ] = None,
+    literal: Annotated[
+        bool,
+        typer.Option(
+            "--literal", help="As the text has it: cameras that see all points, plain Sampson, sums as ranks."
+        ),
+    ] = False,
     resume: Resume = False,
     quiet: Quiet = False,
 ) -> None:
@@ -89,7 +95,7 @@ def table2(
 
         names = _names(problem)
         counts = (samples or []) + (more_samples or []) or experiment.PAPER_COUNTS
-        report = experiment.run(names, counts, trials, seed, workers, progress, journal, resume)
+        report = experiment.run(names, counts, trials, seed, workers, progress, journal, resume, literal)
     files.deliver(report, lambda: [experiment.table(report, name) for name in names], pictures.table2)
     _forget(journal)
 

@@ -16,6 +16,7 @@ from nonsac.kernels.consistency import (
     count_consistent_ratios,
     ranked_triplets,
     screened_triplets,
+    sum_consistent_distances,
     sum_consistent_ratios,
 )
 from nonsac.layouts import Array, Rows
@@ -62,8 +63,8 @@ class Pcr99(Estimator):
     min_valid, max_valid, max_drawn : int
         Consistent triplets below which the search does not stop, at which it stops, and triplets drawn in all.
     rank : "count" or "sum"
-        What a row is ranked by: the number of rows that it is consistent with, as the NONSAC paper's variants do; or,
-        with compare="log_ratio", the sum of the truncated differences of its log ratios, as PCR-99's authors do.
+        What a row is ranked by: the number of rows that it is consistent with; or the sum of the truncated differences
+        of its log ratios or distances, as PCR-99's authors do.
     """
 
     compare: Literal["log_ratio", "distance"] = "log_ratio"
@@ -86,8 +87,6 @@ class Pcr99(Estimator):
             raise ValueError(f'order must be "ranked" or "random", got {self.order!r}')
         if self.rank not in ("count", "sum"):
             raise ValueError(f'rank must be "count" or "sum", got {self.rank!r}')
-        if self.rank == "sum" and self.compare == "distance":
-            raise ValueError('rank="sum" adds up differences of log ratios; use compare="log_ratio"')
         if self.refit not in ("weighted", "once"):
             raise ValueError(f'refit must be "weighted" or "once", got {self.refit!r}')
         if not 0 < as_real(self.tolerance) < np.inf:
@@ -255,13 +254,17 @@ class Pcr99(Estimator):
 
     def _rank_scores(self, columns: Array, problem: Registration) -> Array:
         """With how many others each row is consistent, or by how much."""
-        scale = problem.scale or 1.0
+        scale, by_distance = problem.scale or 1.0, self.compare == "distance"
         if self.rank == "sum":
             sums = np.empty(columns.shape[1])
-            sum_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, sums)
+            if by_distance:
+                scaled = columns * np.array([scale] * 3 + [1.0] * 3)[:, None]
+                sum_consistent_distances(scaled, self.tolerance, sums)
+            else:
+                sum_consistent_ratios(columns, problem.scale is not None, np.log(scale), self.tolerance, sums)
             return sums
         counts = np.empty(columns.shape[1], np.int32)
-        if self.compare == "distance":
+        if by_distance:
             shared = columns.astype(np.float32)
             shared[:3] *= np.float32(scale)
             count_consistent_distances(shared, np.float32(self.tolerance), counts)

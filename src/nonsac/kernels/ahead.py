@@ -44,6 +44,7 @@ SIGNATURES = {
     "homography.homography_errors": "f8[:,:,::1], f8[:,::1], f8, f8, f8[:,::1]",
     "ladder.likelihood_ratios": "f8[::1], f8[::1], f8[::1], f8, i8, f8[::1]",
     "consistency.sum_consistent_ratios": "f8[:,::1], b1, f8, f8, f8[::1]",
+    "consistency.sum_consistent_distances": "f8[:,::1], f8, f8[::1]",
     "sampson.sampson_equations": "f8[:,::1], f8[::1], f8[::1], f8[:,:,::1], f8[:,::1], f8[::1]",
     "registration.registration_matrix": "f8[::1], b1, f8[:,::1], f8[::1]",
     "ladder.reprojection_ladder": "f4[:,:,::1], f4[:,::1], f4, i8, i8[:,::1]",

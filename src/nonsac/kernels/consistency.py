@@ -115,6 +115,19 @@ def sum_consistent_ratios(columns, known, log_scale, tolerance, sums):
 
 
 @kernel
+def sum_consistent_distances(columns, tolerance, sums):
+    """The same for distances: the sum over the other rows of max(0, tolerance - ||b_i - b_j| - |a_i - a_j||)."""
+    n = columns.shape[1]
+    sums[:] = 0.0
+    for i in range(n):
+        for j in range(i):
+            a, b = _distances(columns, i, j)
+            agreement = max(0.0, tolerance - abs(b - a))
+            sums[i] += agreement
+            sums[j] += agreement
+
+
+@kernel
 def _distances(columns, i, j):
     a = 0.0
     b = 0.0

@@ -72,13 +72,19 @@ class Experiment:
         }
 
 
-def _relative(n: int, outlier_ratio: float, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    data = simulate.relative_pose(n, outlier_ratio, noise, rng)
+def relative_rows(
+    n: int, outlier_ratio: float, noise: float, rng: np.random.Generator, make: Any = simulate.relative_pose
+) -> tuple[Array, Array]:
+    """Rows of matches, and the true pose."""
+    data = make(n, outlier_ratio, noise, rng)
     return np.concatenate([data.points1, data.points2], axis=1), data.T
 
 
-def _absolute(n: int, outlier_ratio: float, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    data = simulate.absolute_pose(n, outlier_ratio, noise, rng)
+def absolute_rows(
+    n: int, outlier_ratio: float, noise: float, rng: np.random.Generator, make: Any = simulate.absolute_pose
+) -> tuple[Array, Array]:
+    """The same of points of the world."""
+    data = make(n, outlier_ratio, noise, rng)
     return np.concatenate([data.points2d, data.points3d], axis=1), data.T
 
 
@@ -99,7 +105,7 @@ EXPERIMENTS = {
             "Relative pose",
             RelativePose(),
             Ransac(5000),
-            _relative,
+            relative_rows,
             partial(_by_default, relative_pose, 2),
             outlier_ratios=(0.65, 0.7, 0.75, 0.8, 0.85, 0.9),
             noises=(0.002, 0.0025, 0.01),
@@ -111,7 +117,7 @@ EXPERIMENTS = {
             "Perspective-n-Point",
             AbsolutePose(),
             Ransac(2000),
-            _absolute,
+            absolute_rows,
             partial(_by_default, absolute_pose, 2),
             outlier_ratios=(0.92, 0.93, 0.94, 0.95, 0.96, 0.97),
             noises=(0.005, 0.01, 0.02),
@@ -132,11 +138,14 @@ EXPERIMENTS = {
 }
 
 
-def chosen(names: Iterable[str]) -> tuple[Experiment, ...]:
-    """The experiments with these names, in the order of Table 2."""
+def chosen(names: Iterable[str], literal: bool = False) -> tuple[Experiment, ...]:
+    """The experiments with these names, in the order of Table 2; as the paper's text has them if `literal`."""
     wanted = tuple(names)
     unknown = [name for name in wanted if name not in EXPERIMENTS]
     if unknown or not wanted:
         known = ", ".join(EXPERIMENTS)
         raise ValueError(f"problems must be some of {known}, got {', '.join(map(repr, unknown)) or 'none'}")
-    return tuple(experiment for name, experiment in EXPERIMENTS.items() if name in wanted)
+    experiments = EXPERIMENTS
+    if literal:
+        from nonsac.reproduce.literal import LITERAL as experiments
+    return tuple(experiment for name, experiment in experiments.items() if name in wanted)

@@ -61,6 +61,7 @@ def run(
     progress: Progress | None = None,
     journal: str | os.PathLike[str] | None = None,
     resume: bool = False,
+    literal: bool = False,
 ) -> dict[str, Any]:
     """Run the experiments of Table 2.
 
@@ -82,6 +83,9 @@ def run(
         Keeps the finished trials; remove it when the report is safe.
     resume : bool
         Go on where the journal of a run that was stopped ends.
+    literal : bool
+        As the paper's text has it: the second camera sees all points, Sampson's distance does not ask on which side of
+        a camera rays meet, and rows are ranked by the sums of PCR-99's authors.
 
     Returns
     -------
@@ -95,7 +99,7 @@ def run(
     ValueError
         If an argument is out of its range, or the journal belongs to another run.
     """
-    plan = _plan(problems, samples, trials, seed)
+    plan = _plan(problems, samples, trials, seed, literal)
     outcomes = run_trials(plan, workers, progress, journal, resume)
     return _report(plan, outcomes)
 
@@ -121,8 +125,8 @@ def table(report: Mapping[str, Any], problem: str) -> Table:
     return result
 
 
-def _plan(problems: Iterable[str], samples: Iterable[int], trials: int, seed: int) -> Plan:
-    counts, experiments = tuple(sorted(set(samples))), chosen(problems)
+def _plan(problems: Iterable[str], samples: Iterable[int], trials: int, seed: int, literal: bool) -> Plan:
+    counts, experiments = tuple(sorted(set(samples))), chosen(problems, literal)
     if not counts or counts[0] < 1:
         raise ValueError(f"samples must be numbers of at least 1, got {counts!r}")
     check_trials(trials)
@@ -136,6 +140,7 @@ def _plan(problems: Iterable[str], samples: Iterable[int], trials: int, seed: in
         "trials": trials,
         "seed": seed,
         "samples": list(counts),
+        **({"literal": True} if literal else {}),
         "problems": {experiment.name: experiment.settings() for experiment in experiments},
         "refined": "the default pipeline of this package, on the rows of the first m samples",
         "wrong_above_deg": summaries.WRONG_ABOVE,

@@ -15,12 +15,14 @@ from nonsac.simulate.motions import (
     move,
     random_motion,
     random_rotation,
+    rotation_about,
 )
 from nonsac.values.numeric import as_real, shown
 
 # What the two cameras of Section 4.1 see, in units of the distance between them.
 NEAR, FAR = 0.1, 10.0
 _LEAST_SHARED = 0.2
+_TRIED, _LARGEST_TURN = 1000, 0.12
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +128,7 @@ def registration(n: int, outlier_ratio: float, noise: float, rng: Seed, scale: f
     return Pairs(source, target, T, inliers)
 
 
-def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> ImageMatches:
+def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed, sees_all: bool = False) -> ImageMatches:
     """Matched points of two cameras that look at the same scene, many of them wrong (Section 4.1 of the paper).
 
     In the first camera, normalised points are uniform in [-1, 1] along each axis and depths in [0.1, 10]. The
@@ -134,10 +136,12 @@ def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Imag
     disturbs the points of both images, which may push some beyond 1, and a random share of the matches is
     replaced with points uniform in [-1, 1], in both images.
 
-    The paper leaves the pose open. Here its centre is uniform on the sphere and its rotation uniform among all;
-    it is drawn anew until a fifth of what the first camera sees is in sight of the second one. The optical axes
-    then part by up to about 90 degrees, and one camera may stand on its head with respect to the other. Points
-    that the second camera does not see are drawn anew. One seed gives the same pose for every `n`.
+    The paper's second camera sees all that the first one sees; then it stands behind it and looks the same way, but
+    for some degrees and quarter turns about the optical axis (`sees_all`). By default the rotation is uniform among
+    all and the centre uniform on the sphere, drawn anew until a fifth of what the first camera sees is in sight of the
+    second one. The optical axes then part by up to about 90 degrees, and one camera may stand on its head with
+    respect to the other. Points that the second camera does not see are drawn anew. One seed gives the same pose for
+    every `n`.
 
     Parameters
     ----------
@@ -148,6 +152,8 @@ def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Imag
     noise : float
         Standard deviation along each axis of both images, in normalised coordinates.
     rng : int or numpy.random.Generator
+    sees_all : bool
+        Whether the second camera sees all that the first one sees, as in the paper.
 
     Returns
     -------
@@ -161,7 +167,7 @@ def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Imag
     check_matches(n, outlier_ratio, noise)
     n, noise = int(n), float(noise)
     generator = generator_of(rng)
-    T = second_camera(generator)
+    T = camera_that_sees_all(generator) if sees_all else second_camera(generator)
     points1, points2, _ = _seen_by_both(T, n, generator)
     inliers, outliers = _split(n, outlier_ratio, generator)
     _spoil(points1, outliers, noise, generator)
@@ -169,7 +175,7 @@ def relative_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Imag
     return ImageMatches(points1, points2, T, inliers)
 
 
-def absolute_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> PointMatches:
+def absolute_pose(n: int, outlier_ratio: float, noise: float, rng: Seed, sees_all: bool = False) -> PointMatches:
     """Points of a scene and their places in an image, many of them wrong (Section 4.2 of the paper).
 
     Scene and camera are those of `relative_pose`: the frame of its first camera is the world, its second camera
@@ -185,6 +191,8 @@ def absolute_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Poin
     noise : float
         Standard deviation along each axis of the image, in normalised coordinates.
     rng : int or numpy.random.Generator
+    sees_all : bool
+        As for `relative_pose`.
 
     Returns
     -------
@@ -198,7 +206,7 @@ def absolute_pose(n: int, outlier_ratio: float, noise: float, rng: Seed) -> Poin
     check_matches(n, outlier_ratio, noise)
     n, noise = int(n), float(noise)
     generator = generator_of(rng)
-    T = second_camera(generator)
+    T = camera_that_sees_all(generator) if sees_all else second_camera(generator)
     points1, points2d, depths = _seen_by_both(T, n, generator)
     inliers, outliers = _split(n, outlier_ratio, generator)
     _spoil(points2d, outliers, noise, generator)
@@ -217,6 +225,29 @@ def second_camera(generator: np.random.Generator) -> Floats:
         T[:3, 3] = direction / np.linalg.norm(direction)
         if len(_shared_view(T, 1000, generator)[0]) >= 1000 * _LEAST_SHARED:
             return T
+
+
+def camera_that_sees_all(generator: np.random.Generator) -> Floats:
+    """Pose from the first camera to a random second one, which sees all that the first one sees (Section 4.1).
+
+    That is, the eight corners of the frustum. Such a pose is the same after quarter turns about the optical axis, and
+    else turned by no more than a tenth of a radian, so only those are tried.
+    """
+    corners = np.array([(x * z, y * z, z) for x in (-1, 1) for y in (-1, 1) for z in (NEAR, FAR)])
+    while True:
+        direction = generator.standard_normal((_TRIED, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        turns = generator.uniform(-_LARGEST_TURN, _LARGEST_TURN, (_TRIED, 3))
+        quarters = generator.integers(4, size=_TRIED)
+        for number in np.flatnonzero(direction[:, 2] < -0.5):  # the centre is behind the first camera
+            angle = np.linalg.norm(turns[number])
+            quarter = rotation_about(np.array([0.0, 0.0, 1.0]), 0.5 * np.pi * quarters[number])
+            T = np.eye(4)
+            T[:3, :3] = quarter @ rotation_about(turns[number] / angle, float(angle))
+            T[:3, 3] = -T[:3, :3] @ direction[number]
+            moved = move(T, corners)
+            if (moved[:, 2] > NEAR).all() and (np.abs(moved[:, :2]) <= moved[:, 2:]).all():
+                return T
 
 
 def _seen_by_both(T: Floats, n: int, generator: np.random.Generator) -> tuple[Floats, Floats, Floats]:
