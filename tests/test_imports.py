@@ -81,6 +81,7 @@ def kernels():
 pairs = nonsac.simulate.registration(3000, 0.8, 0.01, rng=0)
 for scale, estimator in ((1.0, None), (1, None), (2, nonsac.Pcr99()), (np.float32(1), None), (None, None),
                          (None, nonsac.Pcr99(rank="sum")),
+                         (1, nonsac.Pcr99("distance", rank="sum", tolerance=1, max_drawn=5000)),
                          (1.0, nonsac.Pcr99("distance", order="random", tolerance=1, max_drawn=5000))):
     nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=scale, estimator=estimator, samples=2)
 frozen = pairs.source.astype(np.float32)

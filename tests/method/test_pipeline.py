@@ -409,7 +409,8 @@ class Judge(SpyRefiner):
         return Refinement(search.hypotheses[winner].model, status, confidence, int(self.support * rows), rows)
 
 
-CLEAR, UNCLEAR, NOTHING = (Status.OK, 0.995), (Status.OK, 0.98), (Status.LOW_SUPPORT, 0.0)
+CLEAR, NEARLY_CLEAR, NOTHING = (Status.OK, 0.995), (Status.OK, 0.98), (Status.LOW_SUPPORT, 0.0)
+UNCLEAR = (Status.OK, 0.85)
 
 
 def test_the_first_two_samples_may_be_enough():
@@ -422,6 +423,13 @@ def test_the_first_two_samples_may_be_enough():
 @pytest.mark.parametrize("first", [UNCLEAR, NOTHING])
 def test_rounds_double_until_the_answer_is_clear(first):
     judge = Judge(first, first, NOTHING, CLEAR)
+    assert run(samples="auto", refine=judge).info["samples"] == 16
+    assert judge.asked == [2, 4, 8, 16]
+
+
+def test_nearly_clear_from_half_as_many_samples_is_clear():
+    """A scene that has no more places to tell would be drawn from to the end."""
+    judge = Judge(NEARLY_CLEAR, UNCLEAR, NEARLY_CLEAR, NEARLY_CLEAR, NOTHING)
     assert run(samples="auto", refine=judge).info["samples"] == 16
     assert judge.asked == [2, 4, 8, 16]
 

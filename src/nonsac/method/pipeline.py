@@ -29,7 +29,7 @@ from nonsac.sources.some_blocks import whole
 from nonsac.values.quiet import quiet
 from nonsac.values.version import VERSION
 
-_CLEAR = 0.99
+_CLEAR, _NEARLY_CLEAR = 0.99, 0.9
 _ENOUGH_FOR_SPECIAL_CASES = 8
 _ENOUGH_FAILURES = 8
 # Models tested without a find. Of two views they are those of 300,000 minimal samples, one of which is right with 95 %
@@ -79,7 +79,7 @@ class Method:
         `found` is what was found in the first samples.
         """
         search, clock, settings = self.search.begun(noise, found), Stopwatch(), self.settings
-        count = first_round(len(found)) if settings.samples == "auto" else search.most
+        count, before = first_round(len(found)) if settings.samples == "auto" else search.most, None
         while True:
             search.draw(count)
             clock.lap("hypotheses")
@@ -89,11 +89,11 @@ class Method:
             if search.hypotheses[winner].found:
                 refinement = _certain_enough(refined(settings.refine, search, winner), settings)
             clock.lap("refinement")
-            if search.ended or _is_settled(refinement, search.hypotheses, settings):
+            if search.ended or _is_settled(refinement, before, search.hypotheses, settings):
                 return Answer(search, refinement, scoring.scored(search.hypotheses, scores), clock)
             if settings.sample_size == "auto":
                 search.task = replace(search.task, sample_size=next_size(refinement, len(search.task.source)))
-            count = len(search.hypotheses)
+            count, before = len(search.hypotheses), refinement
 
     def judged_at(self, noise: Noise, answer: Answer) -> Answer:
         """What is made of the same hypotheses at another noise."""
@@ -173,12 +173,15 @@ class Answer:
         return info
 
 
-def _is_settled(refinement: Refinement | None, hypotheses: list[Hypothesis], settings: Settings) -> bool:
-    """Whether more samples would not change the verdict, or hardly ever."""
+def _is_settled(
+    refinement: Refinement | None, before: Refinement | None, hypotheses: list[Hypothesis], settings: Settings
+) -> bool:
+    """Whether more samples would not change the verdict, or hardly ever: half as many told nearly as much, say."""
     if refinement is None:
         return len(hypotheses) >= _ENOUGH_FAILURES and all(h.fault for h in hypotheses)
     if refinement.status is Status.OK:
-        return refinement.confidence >= _CLEAR
+        least = min(refinement.confidence, 0.0 if before is None else before.confidence)
+        return refinement.confidence >= _CLEAR or least >= _NEARLY_CLEAR
     if refinement.is_chance:  # a search so long would have found most of what is there
         tested = sum(hypothesis.tested or 0 for hypothesis in hypotheses)
         return tested >= max(_ENOUGH_MODELS, _ENOUGH_FOR_EACH_SAMPLE * settings.max_samples)
