@@ -37,10 +37,10 @@ Written by `benchmarks/reproduction.py` from the JSON files in `benchmarks/resul
 
     nonsac reproduce table2 --trials {trials} --seed {seed} --json table2.json --picture table2.png
     nonsac reproduce section5 --trials {curve_trials} --json section5.json --picture section5.png
-    nonsac reproduce table4 --cloud bun_zipper.ply --json table4.json --picture table4.png
+    nonsac reproduce table3 --cloud bun_zipper.ply --json table3.json --picture table3.png
 
-A run that is stopped goes on with `--resume`. The experiment without matches (Table 4, Fig. 2) has [its own
-page](table4.md). `refined` is the default pipeline of this package on the rows of the first m samples; it is no part of
+A run that is stopped goes on with `--resume`. The experiment without matches (Table 3, Fig. 2) has [its own
+page](table3.md). `refined` is the default pipeline of this package on the rows of the first m samples; it is no part of
 the paper.
 
 ## Table 2

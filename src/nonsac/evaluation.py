@@ -68,7 +68,7 @@ def translation_error(A: ArrayLike, B: ArrayLike) -> Array:
 def mean_average_accuracy(errors: ArrayLike, maximum: int = 10) -> float:
     """Share of trials with an error below a threshold, averaged over 1, 2, ..., `maximum` degrees.
 
-    Section 4 of the paper (Eq. mAA, there with 10 degrees; Table 4 uses 5, 10, 15 and 20). An error equal to
+    Section 4 of the paper (Eq. mAA, there with 10 degrees; Table 3 uses 5, 10, 15 and 20). An error equal to
     a threshold is not below it; NaN, the error of a failed trial, is below none.
 
     Parameters

@@ -394,7 +394,7 @@ def test_matches_that_are_not_finite(folder, views, run):
         (["--samples", "0"], "'--samples'"),
         (["--sample-size", "4"], "'--sample-size': '4' is neither a number of at least 5 nor 'auto'"),
         (["--estimator", "lmeds"], "'--estimator': 'lmeds' is not one of ransac, pcr99"),
-        (["--estimator", "pcr99"], "'pcr99' is not for relative-pose (Pcr99 estimates 3D registrations only"),
+        (["--estimator", "pcr99"], "'pcr99' is not for relative-pose (pcr99 is for 3D registrations"),
         (["--rule", "best"], "'--rule': rule must be one of most_inliers, closest_pair,"),
         (["--output", "T.npz"], "'--output': T.npz: T is written as text"),
         (["--save-inliers", "mask.npz"], "'--save-inliers': mask.npz: the inliers are written as .npy, .txt or .csv"),

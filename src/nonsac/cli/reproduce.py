@@ -37,7 +37,7 @@ Report = Annotated[
 Resume = Annotated[bool, typer.Option("--resume", help="Go on where a run with the same --json FILE was stopped.")]
 
 
-def table4(
+def table3(
     cloud: Annotated[Path, typer.Option(metavar="FILE", help="The bunny (bun_zipper.ply), or another cloud.")],
     trials: Trials = 100,
     seed: Seed = 0,
@@ -50,10 +50,10 @@ def table4(
     files = Files(json_file, picture, quiet)
     files.check(("--cloud", cloud))
     with session(quiet, "trials") as progress:
-        from nonsac.reproduce import table4 as experiment
+        from nonsac.reproduce import table3 as experiment
 
         report = experiment.run(cloud, trials, seed, workers, progress)
-    files.deliver(report, lambda: [experiment.table(report)], experiment.picture)
+    files.deliver(report, lambda: experiment.tables(report), experiment.picture)
 
 
 def table2(

@@ -52,6 +52,7 @@ class Named:
 
 
 _PAIRS = ("Registration",)
+_KINDS = {"Registration": "3D registrations", "RelativePose": "relative poses", "AbsolutePose": "absolute poses"}
 
 ESTIMATORS: dict[str, Named] = {
     "ransac": Named("ransac:default", "RANSAC with local optimisation and early stopping (Fischler 1981, Chum 2003)"),
@@ -99,7 +100,8 @@ def _by_name(name: str, problem: Problem) -> Estimator:
         raise ValueError(f"estimator must be one of {', '.join(estimators_for(problem))}, or an object, got {name!r}")
     named = ESTIMATORS[name]
     if not named.fits(problem):
-        raise TypeError(f"{name} is for {' and '.join(named.problems)}, got {type(problem).__name__}")
+        kinds = " and ".join(_KINDS.get(kind, kind) for kind in named.problems)
+        raise TypeError(f"{name} is for {kinds}, got {type(problem).__name__}")
     if not named.is_installed:
         raise ValueError(f'{name} needs {named.needs}, which is not installed: pip install "nonsac[{named.extra}]"')
     return named.made_for(problem)

@@ -204,7 +204,7 @@ TRUNCATED_LP_EXPONENTS = (0.01, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
 
 
 def paper_rules() -> tuple[ScoringRule, ...]:
-    """The rules of Table 4, rows 2 to 20, in its order (row 1 is `Ideal`, which needs the truth)."""
+    """The rules of Table 3, rows 2 to 20, in its order (row 1 is `Ideal`, which needs the truth)."""
     return (
         MostInliers(),
         ClosestPair(),
