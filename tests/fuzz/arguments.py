@@ -754,6 +754,10 @@ CALLS: dict[str, Call] = {
         },
         names=("a.db",),
     ),
+    "from_flow": Call(
+        nio.from_flow,
+        lambda: {"flow": _warp()["warp"][:, :, :2], "certainty": np.full((6, 8), 0.5), "count": 10, "rng": 0},
+    ),
     "from_warp": Call(nio.from_warp, _warp, sizes=("size1", "size2")),
     "Layout": Call(nonsac.Layout, lambda: {"columns": "x1 y1 | x2 y2"}),
     "Ransac": Call(
