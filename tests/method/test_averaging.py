@@ -59,6 +59,11 @@ def test_truncation_bears_ninety_nine_percent_if_the_right_ones_are_enough(rng):
     assert shift < 0.2
 
 
+def test_if_no_two_agree_all_are_averaged():
+    places = [naive.shift_model(place) for place in (0.0, 100.0, 250.0)]
+    assert truncated_average(naive.Shift(), np.stack(places), np.empty((0, 2)))[0, 3] == 100.0
+
+
 @kinds
 def test_the_frames_do_not_matter(kind, rng):
     left, right = naive.random_model(rng), naive.random_model(rng)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from nonsac.layouts import Array
 from nonsac.problems.contract import Problem, sums_of_distances
 
-REACH = 20.0  # degrees; a chord of 0.5 between rotation matrices
+REACH = 10.0  # degrees
 _MOST_ROUNDS = 20
 
 
@@ -42,7 +42,10 @@ def truncated_average(problem: Problem, models: Array, rows: Array) -> Array:
     Lee and Civera, "Robust single rotation averaging revisited", 2023: right if more models agree on the right answer
     than on any wrong one, whatever their share.
     """
-    centre = models[int(np.argmin(sums_of_distances(problem, models, REACH)))]
+    sums = sums_of_distances(problem, models, REACH)
+    if sums.min() >= REACH * (len(models) - 1):  # no two agree
+        return problem.average(models, rows)
+    centre = models[int(np.argmin(sums))]
     return problem.average(models[problem.distance(models, centre[None]) <= REACH], rows)
 
 
