@@ -147,6 +147,19 @@ def test_the_refiner_does_what_refiners_do(rng):
         check_refiner(HypothesisAverage(kind), Registration(), rows, noise)
 
 
+def test_motions_are_averaged_where_the_rows_are(rng):
+    """In map coordinates t differs by kilometres between hypotheses that agree on the rows."""
+    rows, noise, _ = rows_of(Registration(), 0.9, rng)
+    rows[:, :3] += [5e5, 4e6, 100.0]
+    result = nonsac.estimate(
+        nonsac.ArraySource(rows), Registration(), noise=noise, samples=6, sample_size=400, refine="average"
+    )
+    shifts = np.stack([h.model[:, 3] for h in result.hypotheses if h.found])
+    assert np.ptp(shifts, axis=0).max() > 1000.0
+    assert result.success
+    assert np.median(result.residuals[result.inliers]) < 2 * noise
+
+
 def test_the_rule_does_not_change_the_average(rng):
     rows, noise, _ = rows_of(Registration(), 0.8, rng)
     first, second = (
