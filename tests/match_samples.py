@@ -3,6 +3,7 @@
 import io
 import sqlite3
 import struct
+import zlib
 from contextlib import closing
 
 import numpy as np
@@ -21,6 +22,29 @@ def parquet(**columns):
     buffer = io.BytesIO()
     write_table(pyarrow.table(columns), buffer)
     return buffer.getvalue()
+
+
+def middlebury(moves):
+    """A .flo file, as its page has it: a tag that is the float 202021.25, width, height, then u v of each pixel."""
+    height, width, _ = moves.shape
+    return struct.pack("<fii", 202021.25, width, height) + moves.astype("<f4").tobytes()
+
+
+def png(channels, depth=16, colour=2):
+    """A PNG of unfiltered rows, by its specification."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    height, width = channels.shape[:2]
+    rows = b"".join(b"\0" + row.astype(">u2" if depth == 16 else "u1").tobytes() for row in channels)
+    header = struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+
+
+def kitti(moves, known):
+    """A PNG of flow, as KITTI has it."""
+    return png(np.dstack([moves * 64 + 2**15, known]).astype(np.uint16))
 
 
 # With the distortion of real lenses, none of which folds over in the square |x|, |y| < 0.7.

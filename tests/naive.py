@@ -393,6 +393,9 @@ class Shift(nonsac.Problem):
     def distance(self, a, b):
         return np.abs(np.asarray(a)[..., 0, 3] - np.asarray(b)[..., 0, 3])
 
+    def average(self, models, rows):
+        return shift_model(np.median(models[:, 0, 3]))
+
     def transform(self, model):
         return np.vstack([model, [0.0, 0.0, 0.0, 1.0]])
 

@@ -239,6 +239,16 @@ class LoudDistance(Line):
         return np.abs(np.asarray(a) - b).max(axis=-1)
 
 
+class OtherAverage(Line):
+    def average(self, models, rows):
+        return models[0] + [0.0, 0.0, 0.1]
+
+
+class AverageOfRows(Line):
+    def average(self, models, rows):
+        return models[0] if len(rows) else models
+
+
 class ShortBackground(Line):
     def background(self, rows, size, rng):
         return super().background(rows, size // 2, rng)
@@ -338,6 +348,8 @@ PROBLEMS = {
     FarFromItself: ".distance of a model to itself is not 0",
     NearNothing: ".distance to no model must be NaN",
     LoudDistance: ".distance raised UserWarning: no model",
+    OtherAverage: ".average of three equal models is another one",
+    AverageOfRows: ".average gave a model of the shape (3, 3)",
     ShortBackground: ".background gave (250, 2) instead of (500, D)",
     EndlessBackground: ".background gave rows that are not finite",
     OtherBackground: ".background gives other rows for the same random numbers",

@@ -95,6 +95,7 @@ def check_problem(problem: Problem, rows: ArrayLike, *, tolerance: float = 1e-6)
     _check_counts(problem, model, table, unit)
     _check_fits(problem, model, table, tolerance * unit)
     _check_distance(problem, model)
+    _check_average(problem, model, table, tolerance * unit)
     _check_words(problem, model, table, tolerance * unit)
     copy = _travelled(problem)
     same = np.array_equal(copy.residuals(model[None], table), problem.residuals(model[None], table))
@@ -366,6 +367,15 @@ def _check_distance(problem: Problem, model: Array) -> None:
     _expect(bool((table != 0.0).any()), f"{name}.distance of different models is 0")
     _expect(np.allclose(table, table.T, equal_nan=True), f"{name}.distance is not symmetric")
     _expect(bool(np.isnan(nowhere).all()), f"{name}.distance to no model must be NaN")
+
+
+def _check_average(problem: Problem, model: Array, rows: Array, zero: float) -> None:
+    name, models = type(problem).__name__, np.stack([model] * 3)
+    for given in (rows, rows[:0]):
+        average = problem.average(models, given)
+        _expect(np.shape(average) == np.shape(model), f"{name}.average gave a model of the shape {np.shape(average)}")
+        largest = _residuals(problem, average[None], rows).max()
+        _expect(bool(largest <= zero), f"{name}.average of three equal models is another one")
 
 
 def _turned(model: Array, seed: int) -> Array:

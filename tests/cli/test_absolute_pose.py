@@ -133,13 +133,15 @@ def test_options_are_passed_on(table, points, monkeypatch, run):
 
 def test_for_people_with_all_outputs(table, points, run):
     outputs = ("--output", "T.txt", "--save-inliers", "mask.csv", "--picture", "p.pdf")
+    outputs += ("--picture-hypotheses", "h.pdf")
     code, out, err = run("absolute-pose", table, *CAMERA, *outputs)
     assert (code, said(err)) == (0, [])
     result = points.solved()
     centre = ", ".join(f"{x:.6g}" for x in -result.R.T @ result.t)
     assert out.startswith("Result(ok, confidence 1.000)")
     assert f"\ncamera: {FIRST}\nT, from the world to the frame of the camera, which is at [{centre}]:\n" in out
-    assert out.endswith("wrote T.txt: T\nwrote mask.csv: which rows are inliers\nwrote p.pdf: the picture\n")
+    written = "wrote T.txt: T\nwrote mask.csv: which rows are inliers\nwrote p.pdf: the picture\n"
+    assert out.endswith(f"{written}wrote h.pdf: what came of each sample\n")
     np.testing.assert_array_equal(io.read_transform("T.txt"), result.T)
     np.testing.assert_array_equal(np.loadtxt("mask.csv"), result.inliers)
     assert Path("p.pdf").read_bytes()[:5] == b"%PDF-"
@@ -234,6 +236,8 @@ def test_points_that_are_not_finite(folder, points, run):
         (["--save-inliers", "mask"], "'--save-inliers': mask: the inliers are written as"),
         (["--save-inliers", "points.npy"], "points.npy is already used for POINTS"),
         (["--picture", "p.gif"], "'--picture': path is 'p.gif'; expected a picture"),
+        (["--picture-hypotheses", "p.gif"], "'--picture-hypotheses': path is 'p.gif'; expected a picture"),
+        (["--picture", "p.png", "--picture-hypotheses", "p.png"], "p.png is already used for --picture"),
         (["--photo", "a.png", *CAMERA], "'--photo': give --picture, too"),
         (["--photo", "points.npy", "--picture", "p.png", *CAMERA], "'--photo': points.npy: is no image"),
         (["--photo", "points.npy", "--picture", "p.png", "--noise", "1"], "'--photo': the points are not in pixels"),

@@ -44,7 +44,7 @@ ROWS = SHARED | {
     "--columns",
     "--dataset",
 }
-ROWS |= {"--draw", "--max-memory", "--estimator", "--rule", "--refine"}
+ROWS |= {"--picture-hypotheses", "--draw", "--max-memory", "--estimator", "--rule", "--refine"}
 OPTIONS = {
     "register-clouds": SHARED | {"--save-aligned"},
     "register-pairs": ROWS | {"--scale", "--save-aligned"},

@@ -126,7 +126,17 @@ def test_dropped_rows_are_one_line_on_stderr(matches, run):
 
 def test_a_guess_is_written_and_called_untrusted(noise_file, run):
     code, out, err = run(
-        "register-pairs", noise_file, "--noise", 0.01, "--output", "T.txt", "--picture", "p.svg", "--json"
+        "register-pairs",
+        noise_file,
+        "--noise",
+        0.01,
+        "--output",
+        "T.txt",
+        "--picture",
+        "p.svg",
+        "--json",
+        "--picture-hypotheses",
+        "h.svg",
     )
     assert code == 1
     assert json.loads(out)["status"] == "low_support"
@@ -134,7 +144,8 @@ def test_a_guess_is_written_and_called_untrusted(noise_file, run):
     assert lines[0].startswith("nonsac: NOT TRUSTED (low_support): ")
     assert lines[1:] == ["nonsac: T.txt holds T, and T is a guess that is NOT TRUSTED"]
     assert io.read_transform("T.txt").shape == (4, 4)
-    assert "NOT TRUSTED: low support" in Path("p.svg").read_text()
+    for picture in ("p.svg", "h.svg"):
+        assert "NOT TRUSTED: low support" in Path(picture).read_text()
 
 
 def test_without_an_answer_no_transform_is_written(scans, run):

@@ -202,7 +202,8 @@ def test_options_are_passed_on(table, views, monkeypatch, run):
 
 
 def test_for_people(table, views, run):
-    code, out, err = run("relative-pose", table, *CAMERAS, "--output", "T.txt", "--picture", "p.png")
+    pictures = ("--picture", "p.png", "--picture-hypotheses", "h.png")
+    code, out, err = run("relative-pose", table, *CAMERAS, "--output", "T.txt", *pictures)
     assert (code, said(err)) == (0, [])
     assert out.startswith("Result(ok, confidence 1.000)")
     assert f"\ncamera1: {FIRST}\ncamera2: {SECOND}\n" in out
@@ -211,7 +212,9 @@ def test_for_people(table, views, run):
     np.testing.assert_array_equal(io.read_transform("T.txt"), result.T)
     printed = [line.split() for line in out.splitlines() if re.fullmatch(r"( +[-+.\de]+){4}", line)]
     np.testing.assert_allclose(np.array(printed, float), result.T, atol=1e-8)
-    assert out.endswith("wrote T.txt: T\nwrote p.png: the picture\n")
+    assert out.endswith("wrote T.txt: T\nwrote p.png: the picture\nwrote h.png: what came of each sample\n")
+    plot.hypotheses("same.png", result)
+    assert Path("h.png").read_bytes() == Path("same.png").read_bytes()
     assert Path("p.png").read_bytes()[:4] == b"\x89PNG"
 
 

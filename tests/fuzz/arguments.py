@@ -609,6 +609,11 @@ def _matched_pixels() -> Arguments:
     return given | {"size1": (400, 400), "size2": (400, 400), "image1": None, "image2": None, "title": "a title"}
 
 
+@cache
+def _drawn_result() -> nonsac.Result:
+    return nonsac.register_pairs(_pairs().source, _pairs().target, noise=0.01)
+
+
 def _warp() -> Arguments:
     warp = np.random.default_rng(0).uniform(-1, 1, (6, 8, 4))
     return {
@@ -749,6 +754,10 @@ CALLS: dict[str, Call] = {
         },
         names=("a.db",),
     ),
+    "from_flow": Call(
+        nio.from_flow,
+        lambda: {"flow": _warp()["warp"][:, :, :2], "certainty": np.full((6, 8), 0.5), "count": 10, "rng": 0},
+    ),
     "from_warp": Call(nio.from_warp, _warp, sizes=("size1", "size2")),
     "Layout": Call(nonsac.Layout, lambda: {"columns": "x1 y1 | x2 y2"}),
     "Ransac": Call(
@@ -850,6 +859,7 @@ CALLS: dict[str, Call] = {
         lambda: {"images1": ["a", "b"], "images2": ["b", "c"], "inliers": np.array([3, 0])},
         150,
     ),
+    "plot.hypotheses": Call(_picture(plot.hypotheses), lambda: {"result": _drawn_result(), "title": "a title"}, 250),
     "plot.boxplot": Call(
         _picture(plot.boxplot),
         lambda: {"errors": {"median": np.ones(5)}, "times": {"median": np.ones(5)}, "paper": None, "label": "paper"},

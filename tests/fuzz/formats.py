@@ -348,10 +348,15 @@ def _npy_build(rng: random.Random) -> Files:
 _ODD_LENGTHS = (-5, -1, 0, 1, 3, 4, 40, 60, 10**4, 10**9, 10**15, 2**62, 2**63, 10**22, "True", "4.0", "None", "'3'")
 
 
+_WARPED = {"W_A": 64, "H_A": 48, "W_B": 64, "H_B": 48}
+
+
 def _npz_seeds() -> list[Files]:
     pairs = {"points1": _ROWS[:, :2], "points2": _ROWS[:, 2:4], "weights": np.ones(40)}
     cameras = {"K1": match_samples.K, "camera2": "PINHOLE 1 2 3 4"}
     archives = [pairs, pairs | cameras, {"source": _ROWS[:, :3], "target": _ROWS[:, 3:]}, {"a": _ROWS[:, :4]}]
+    archives += [{"flow": _ROWS[:, :2].reshape(5, 8, 2), "valid": np.ones((5, 8))}]
+    archives += [{"warp": _ROWS[:, :4].reshape(5, 8, 4), "certainty": np.ones((5, 8)), **_WARPED}]
     archives += [{"points": _ROWS[:, :3]}, {"xyz": _ROWS[:, :3]}, {"points2d": _ROWS[:, :2], "points3d": _ROWS[:, 2:5]}]
     deflated = io.BytesIO()
     np.savez_compressed(deflated, points1=np.zeros((5000, 2)), points2=np.zeros((5000, 2)))
@@ -359,12 +364,23 @@ def _npz_seeds() -> list[Files]:
 
 
 _KEYS = ["points", "points1", "points2", "weights", "source", "target", "xyz", "keypoints0", "keypoints1", "matches"]
+_KEYS += ["flow", "valid", "warp", "certainty", *_WARPED]
 _KEYS += ["camera1", "K1", "K", "camera", "points2d", "points3d", "x", "X"]
 
 
 def _npz_build(rng: random.Random) -> Files:
     members = {rng.choice(_KEYS): _odd_array(rng) for _ in range(rng.randrange(5))}
     return {"a.npz": npz(**members)}
+
+
+def _flow_seeds() -> list[Files]:
+    moves = _ROWS[:, :2].reshape(5, 8, 2)
+    return [{"a.flo": match_samples.middlebury(each)} for each in (moves, moves[:1, :1], 1e10 * moves)]
+
+
+def _flow_png_seeds() -> list[Files]:
+    moves = _ROWS[:, :2].reshape(5, 8, 2)
+    return [{"a.png": match_samples.kitti(moves, np.arange(40).reshape(5, 8) % 7)}]
 
 
 def _read_raw(folder: Path) -> None:
@@ -747,6 +763,8 @@ FORMATS: dict[str, Format] = {
         _npz_build,
         cost=3,
     ),
+    "flow": Format(_flow_seeds, [_matches(nio.read_matches, "a.flo")], cost=0.5),
+    "flow-png": Format(_flow_png_seeds, [_matches(nio.read_matches, "a.png")], cost=0.5, needs=("cv2",)),
     "raw": Format(_raw_seeds, [_read_raw], cost=0.5),
     "las": Format(lambda: _las("las"), [_cloud("a.las"), _source("a.las")], cost=3, needs=_LASPY),
     "laz": Format(lambda: _las("laz"), [_cloud("a.laz"), _source("a.laz")], cost=5, needs=_LASPY),

@@ -5,7 +5,7 @@ import pytest
 
 import nonsac
 from nonsac.calls.jobs import Job
-from nonsac.io import InputError, open_matches, read_matches
+from nonsac.io import InputError, from_warp, open_matches, read_matches
 from nonsac.layouts import MATCHES
 
 FIRST = np.array([[1.0, 2], [3, 4], [5, 6], [7, 8]])
@@ -75,6 +75,7 @@ def test_pairs_of_which_some_are_none(save):
         (("keypoints0", "keypoints1"), "confidence"),  # that of Kornia
         (("kpts0", "kpts1"), "certainty"),  # RoMa
         (("kptsA", "kptsB"), "certainty"),
+        (("kptsA", "kptsB"), "overlaps"),  # RoMa v2
         (("matches_im0", "matches_im1"), "conf"),  # MASt3R
         (("matches_im0", "matches_im1"), None),
         (("points0", "points1"), "scores"),  # LightGlue
@@ -95,6 +96,24 @@ def test_cameras_are_counted_as_the_points_are(save):
     assert matches.camera2[0, 0] == 1000
     matches = read_matches(save(**SPARSE, matches=PAIRED, K1=K))
     np.testing.assert_array_equal(matches.camera1, K)
+
+
+@pytest.mark.parametrize("keys", [("W_A", "H_A", "W_B", "H_B"), ("width0", "height0", "width1", "height1")])
+def test_a_warp_with_the_sizes_of_its_images(save, rng, keys):
+    warp, certainty = rng.uniform(-1, 1, (4, 8, 4)), rng.uniform(0.1, 1, (4, 8))
+    matches = read_matches(save(warp=warp, certainty=certainty, **dict(zip(keys, (640, 480, 800, 600), strict=True))))
+    expected = from_warp(warp, certainty, (640, 480), (800, 600))
+    np.testing.assert_array_equal(matches.points1, expected.points1)
+    np.testing.assert_array_equal(matches.points2, expected.points2)
+    np.testing.assert_array_equal(matches.weights, expected.weights)
+
+
+@pytest.mark.parametrize("name", ["batch_indexes", "m_bids"])
+def test_a_batch_of_several_pairs_is_refused(save, name):
+    arrays = {"keypoints0": FIRST, "keypoints1": FIRST, "confidence": np.ones(4)}
+    assert len(read_matches(save(**arrays, **{name: np.full(4, 7)}))) == 4
+    with pytest.raises(InputError, match=rf"a\.npz: holds the matches of 2 pairs of images \(the array {name} tells"):
+        read_matches(save(**arrays, **{name: np.array([0, 0, 1, 1])}))
 
 
 def test_keys_of_our_own_come_first(save):
@@ -141,8 +160,22 @@ def test_a_pose_from_such_a_file(save):
         (SPARSE | {"mkpts0": FIRST, "mkpts1": FIRST, "mconf": np.full(4, "a")}, "the array mconf has the shape"),
         (
             {"warp": np.zeros((4, 8, 4)), "certainty": np.zeros((4, 8))},
-            "holds a dense warp, which needs the sizes of the images to become matches; use nonsac.io.from_warp",
+            "holds a dense warp, which needs the sizes of the images to become matches; save W_A, H_A, W_B, H_B",
         ),
+        (
+            {"warp": np.zeros((4, 8, 3)), "certainty": np.zeros((4, 8)), "W_A": 4, "H_A": 4, "W_B": 4, "H_B": 4},
+            r"warp has shape \(4, 8, 3\); expected",
+        ),
+        (
+            {"warp": np.zeros((4, 8, 4)), "certainty": np.zeros((4, 8)), "W_A": -4, "H_A": 4, "W_B": 4, "H_B": 4},
+            r"size1 is \(-4, 4\); expected the width and height",
+        ),
+        (
+            {"warp": np.zeros((4, 8, 4)), "certainty": np.zeros((4, 8)), "W_A": "4", "H_A": 4, "W_B": 4, "H_B": 4},
+            "W_A, H_A, W_B, H_B must be a number each",
+        ),
+        ({"flow": np.zeros((4, 8, 3))}, r"flow has shape \(4, 8, 3\); expected"),
+        ({"flow": np.zeros((4, 8, 2)), "valid": np.ones(4)}, r"certainty has shape \(4,\); expected \(4, 8\)"),
     ],
 )
 def test_what_does_not_fit_is_refused(save, arrays, message):

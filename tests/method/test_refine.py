@@ -277,7 +277,7 @@ def test_reweighted_fit_without_enough_inliers_leaves_the_model(scene):
 
 @pytest.mark.parametrize("wrong", ["icp", "Union", ""])
 def test_unknown_names_are_refused_and_the_known_ones_listed(wrong):
-    with pytest.raises(ValueError, match='refine must be "union", "polish", "full", "none" or a Refiner'):
+    with pytest.raises(ValueError, match='refine must be "union", "polish", "full", "none", "average" or a Refiner'):
         by_name(wrong)
 
 

@@ -18,6 +18,7 @@ from nonsac.method.scoring import (
     MinimumMean,
     MinimumQuantile,
     MostInliers,
+    NearestToAverage,
     PairCost,
     ScoringRule,
     TruncatedLp,
@@ -34,7 +35,8 @@ NAMES = [
     *("pair_0.02", "pair_0.05", "pair_0.1", "pair_0.2", "pair_0.5", "pair_1"),
     *("tlp_0.01", "tlp_0.1", "tlp_0.2", "tlp_0.3", "tlp_0.5", "tlp_1", "tlp_2"),
 ]
-RULES = [*paper_rules(), FixedSample(), Ideal(naive.shift_model(0.0))]
+AVERAGES = [NearestToAverage(kind) for kind in ("l1", "trimmed", "truncated")]
+RULES = [*paper_rules(), FixedSample(), *AVERAGES, Ideal(naive.shift_model(0.0))]
 rules = pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.name)
 problem = naive.Shift()
 
@@ -90,6 +92,8 @@ FIVE = [
         ("pair_0.05", 0),  # 3, 3.73, 3.94
         ("pair_0.02", 0),  # 3, 3.89, 4.54
         ("fixed", 0),
+        ("l1_average", 4),  # sums of distances 645, 207, 209, 181, 177
+        ("truncated_average", 1),  # each at most 10: 40, 31, 31, 34, 34; of 50 and 51 the earlier
     ],
 )
 def test_rules_on_five_models_worked_by_hand(name, expected):
@@ -283,12 +287,14 @@ def test_scored_hypotheses_hold_their_scores():
     assert np.isnan(FIVE[0].score)
 
 
-@pytest.mark.parametrize("name", [*NAMES, "fixed", "pair_0.3", "pair_2", "tlp_0.25", "tlp_1.5"])
+@pytest.mark.parametrize("name", [*NAMES, "fixed", "l1_average", "pair_0.3", "pair_2", "tlp_0.25", "tlp_1.5"])
 def test_names_find_their_rules(name):
     assert by_name(name).name == name
 
 
-@pytest.mark.parametrize("rule", [*paper_rules(), FixedSample(), PairCost(0.3), TruncatedLp(3.0)], ids=lambda r: r.name)
+@pytest.mark.parametrize(
+    "rule", [*paper_rules(), FixedSample(), *AVERAGES, PairCost(0.3), TruncatedLp(3.0)], ids=lambda r: r.name
+)
 def test_rules_are_found_by_their_names(rule):
     assert by_name(rule.name) == rule
 
@@ -300,7 +306,7 @@ def test_different_spellings_of_a_number_are_one_rule(p):
 
 @pytest.mark.parametrize(
     "wrong",
-    [*("", "TLP_0.1", "pair", "pair_", "pair_x", "pair_0", "pair_-1", "pair_nan", "pair_inf"),
+    [*("", "l2_average", "TLP_0.1", "pair", "pair_", "pair_x", "pair_0", "pair_-1", "pair_nan", "pair_inf"),
      *("tlp_", "tlp_x", "tlp_0", "tlp_-0.1", "tlp_nan", "tlp_inf", "ideal", "most-inliers")],
 )  # fmt: skip
 def test_unknown_names_are_refused_and_the_known_ones_listed(wrong):
@@ -308,6 +314,11 @@ def test_unknown_names_are_refused_and_the_known_ones_listed(wrong):
         by_name(wrong)
     for name in (*NAMES, "fixed", repr(wrong)):
         assert name in str(caught.value)
+
+
+def test_the_average_has_to_be_known():
+    with pytest.raises(ValueError, match='kind must be one of "l1", "trimmed", "truncated", got \'l2\''):
+        NearestToAverage("l2")
 
 
 class Budgeted(Estimator):

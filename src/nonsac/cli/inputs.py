@@ -101,7 +101,7 @@ def check_pair(table: Table) -> None:
 def _is_table(suffix: str) -> bool:
     from nonsac.io.clouds import TEXT_SUFFIXES
 
-    return suffix in (".npz", ".npy", ".parquet", *TEXT_SUFFIXES)
+    return suffix in (".npz", ".npy", ".parquet", ".flo", ".png", *TEXT_SUFFIXES)
 
 
 def check_geometry(table: Table, cameras: Sequence[str | None]) -> None:

@@ -167,6 +167,14 @@ Inliers = Annotated[
         help="Write which rows are inliers: bool (.npy), or 0 or 1 a line (.txt, .csv).",
     ),
 ]
+Hypotheses = Annotated[
+    Path | None,
+    typer.Option(
+        "--picture-hypotheses",
+        metavar="FILE",
+        help="Draw what came of each sample: scores, inliers, which was selected, the answer (.png, .pdf or .svg).",
+    ),
+]
 Camera1 = Annotated[
     str | None,
     typer.Option(

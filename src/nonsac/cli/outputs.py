@@ -27,6 +27,7 @@ class Outputs:
     aligned: Path | None = None
     inliers: Path | None = None
     picture: Path | None = None
+    hypotheses: Path | None = None
     report: Path | None = None
 
     def check(self, inputs: Iterable[tuple[str, str | Path | None]]) -> None:
@@ -55,12 +56,13 @@ class Outputs:
             ("--save-aligned", self.aligned, lambda path: choose_by_suffix(path, WRITERS)),
             ("--save-inliers", self.inliers, check_mask_suffix),
             ("--picture", self.picture, picture_suffix),
+            ("--picture-hypotheses", self.hypotheses, picture_suffix),
             ("--json", self.report, lambda path: None),
         )
         return ((option, path, check) for option, path, check in checks if path is not None)
 
     def write(self, result: Result, draw: Draw | None, quietly: bool) -> None:
-        """Write the transform, the inliers and the picture, and say so; there is no `draw` for data without points."""
+        """Write the transform, the inliers and the pictures, and say so; there is no `draw` for data without points."""
         from nonsac.io import write_transform
 
         if self.transform is not None and worth_writing(self.transform, "T", result):
@@ -71,6 +73,11 @@ class Outputs:
             wrote(self.inliers, "which rows are inliers", quietly)
         if self.picture is not None:
             _write_picture(self.picture, result, draw, quietly)
+        if self.hypotheses is not None:
+            from nonsac import plot
+
+            plot.hypotheses(self.hypotheses, result)
+            wrote(self.hypotheses, "what came of each sample", quietly)
 
 
 def show(result: Result, text: str, more: dict[str, Any], as_json: bool) -> None:

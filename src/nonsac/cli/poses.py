@@ -33,6 +33,7 @@ from nonsac.cli.options import (
     Camera2,
     Columns,
     Dataset,
+    Hypotheses,
     Inliers,
     OneCamera,
     Photo,
@@ -86,6 +87,7 @@ def relative_pose(
             "which is right only without lens distortion.",
         ),
     ] = None,
+    picture_hypotheses: Hypotheses = None,
     photo1: Photo = None,
     photo2: Photo = None,
     as_json: AsJson = False,
@@ -98,7 +100,7 @@ def relative_pose(
 
     Points and cameras need one convention for the centres of pixels (COLMAP's is 0.5 more than OpenCV's and hloc's).
     """
-    outputs = Outputs(transform=output, inliers=save_inliers, picture=picture)
+    outputs = Outputs(output, inliers=save_inliers, picture=picture, hypotheses=picture_hypotheses)
     options = Options(settings, outputs, as_json, quiet)
     table = Table(file, second, (image1, image2), columns, dataset)
     run(_Pair(options, table, (camera1, camera2), (photo1, photo2), write_geometry), CALLS["relative_pose"], options)
@@ -126,6 +128,7 @@ def absolute_pose(
         Path | None,
         typer.Option(metavar="FILE", help="Draw the points, and where T projects theirs (.png, .pdf or .svg)."),
     ] = None,
+    picture_hypotheses: Hypotheses = None,
     photo: Photo = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -137,7 +140,7 @@ def absolute_pose(
 
     Points and camera need one convention for the centres of pixels (COLMAP's is 0.5 more than OpenCV's and hloc's).
     """
-    outputs = Outputs(transform=output, inliers=save_inliers, picture=picture)
+    outputs = Outputs(output, inliers=save_inliers, picture=picture, hypotheses=picture_hypotheses)
     options = Options(settings, outputs, as_json, quiet)
     run(_Points(options, Table(file, None, (image,), columns, dataset), camera, photo), CALLS["absolute_pose"], options)
 

@@ -16,6 +16,7 @@ from nonsac.cli.options import (
     AsJson,
     Columns,
     Dataset,
+    Hypotheses,
     Inliers,
     Quiet,
     Seed,
@@ -88,6 +89,7 @@ def register_pairs(
     save_aligned: Aligned = None,
     save_inliers: Inliers = None,
     picture: Picture = None,
+    picture_hypotheses: Hypotheses = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
     **settings: Any,
@@ -96,7 +98,7 @@ def register_pairs(
 
     T maps the source to the target.
     """
-    outputs = Outputs(transform=output, aligned=save_aligned, inliers=save_inliers, picture=picture)
+    outputs = Outputs(output, save_aligned, save_inliers, picture, picture_hypotheses)
     options = Options(settings, outputs, as_json, quiet)
     names = (Path(file).name, second.name) if second else ("source", "target")
     run(_Pairs(options, names, Table(file, second, (), columns, dataset)), CALLS["register_pairs"], options)

@@ -55,6 +55,9 @@ class OrientedRegistration(Problem):
     def distance(self, a: Array, b: Array) -> Array:
         return Registration().distance(a, b)
 
+    def average(self, models: Array, rows: Array) -> Array:
+        return Registration().average(models, _points(rows))
+
 
 def _points(rows: Array) -> Array:
     return rows[:, [0, 1, 2, 6, 7, 8]]

@@ -20,6 +20,7 @@ _MARKS = {
     b"ARROW1": "Arrow file",
     _HDF5: "HDF5 file",
     b"SQLite format 3\x00": "SQLite database",
+    b"PIEH": "Middlebury flow file",
     b"\x89PNG": "PNG image",
     b"\xff\xd8\xff": "JPEG image",
     b"%PDF": "PDF document",
@@ -39,6 +40,7 @@ _USUAL_SUFFIX = {
     "Arrow file": ".arrow",
     "HDF5 file": ".h5",
     "SQLite database": ".db",
+    "Middlebury flow file": ".flo",
 }
 _PLY_START = re.compile(rb"ply[ \t]*\r?\n")
 _PCD_START = re.compile(rb"#[ \t]*\.PCD|(?:#[^\n]*\n|\s)*(?:VERSION\s+[.\d]+|FIELDS|COLUMNS)\s")

@@ -5,6 +5,7 @@ from nonsac.io.clouds import read_cloud, write_cloud
 from nonsac.io.colmap_database import read_colmap_pair, write_two_view_geometry
 from nonsac.io.colmap_model import read_colmap_points, read_colmap_pose
 from nonsac.io.correspondences import Matches, PointMatches
+from nonsac.io.flow import from_flow
 from nonsac.io.hloc import read_hloc
 from nonsac.io.matches import Opened, open_matches, read_matches, read_pairs, read_points
 from nonsac.io.transforms import read_transform, write_transform
@@ -15,6 +16,7 @@ __all__ = [
     "Matches",
     "Opened",
     "PointMatches",
+    "from_flow",
     "from_warp",
     "open_matches",
     "read_cloud",

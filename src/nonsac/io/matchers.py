@@ -1,4 +1,4 @@
-"""Matches as SuperGlue, LightGlue, LoFTR, RoMa, MASt3R and others of their kind leave them in NPZ files."""
+"""Matches as SuperGlue, LightGlue, LoFTR, RoMa, MASt3R, RAFT and others of their kind leave them in NPZ files."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nonsac.files.arrays import Archive, as_rows, open_npz
-from nonsac.files.errors import FilePath, input_error
+from nonsac.files.errors import FilePath, InputError, input_error
 from nonsac.io.correspondences import Matches, Points
+from nonsac.io.flow import from_flow
+from nonsac.io.warp import from_warp
 
 # Points that match row by row, by what the programs call them.
 _MATCHED = (
@@ -30,6 +32,7 @@ _MATCHED = (
 # Keypoints of SuperGlue and LightGlue, and which of them match; without that, those of Kornia's LoFTR match row by row.
 _KEYPOINTS = ("keypoints0", "keypoints1")
 _INDICES = ("matches", "matches0", "matches01")
+_BATCH = ("batch_indexes", "m_bids", "b_ids")  # of which pair of a batch each match is: LoFTR
 _CONFIDENCE = (
     "match_confidence",
     "matching_scores0",
@@ -38,8 +41,12 @@ _CONFIDENCE = (
     "certainty",
     "scores",
     "conf",
+    "overlaps",  # RoMa v2
+    "overlap",
 )
-_WARP = ("warp", "certainty")
+_WARP = ("warp", "certainty")  # RoMa, DKM
+_SIZES = (("W_A", "H_A", "W_B", "H_B"), ("width0", "height0", "width1", "height1"))
+_FLOW, _FLOW_HOLDS = ("flow",), ("certainty", "confidence", "valid", "mask")  # RAFT
 
 
 def is_of_a_matcher(path: FilePath, but_for: Iterable[Sequence[str]] = ()) -> bool:
@@ -53,7 +60,7 @@ def is_of_a_matcher(path: FilePath, but_for: Iterable[Sequence[str]] = ()) -> bo
         return False
     if any(set(pair) <= names for pair in but_for):
         return False
-    return any(set(pair) <= names for pair in (*_MATCHED, _KEYPOINTS, _WARP))
+    return any(set(pair) <= names for pair in (*_MATCHED, _KEYPOINTS, _WARP, _FLOW))
 
 
 def read_matcher(path: FilePath) -> Matches:
@@ -65,13 +72,13 @@ def read_matcher(path: FilePath) -> Matches:
         If the file cannot be read or its arrays do not fit each other.
     """
     with open_npz(path) as archive:
+        _check_one_pair(archive)
         pair = next((pair for pair in _MATCHED if set(pair) <= set(archive.names)), None)
         if pair is not None:
             points = [_points(archive, name) for name in pair]
             return _row_by_row(archive, pair, points, _confidence(archive, len(points[0])))
         if not set(_KEYPOINTS) <= set(archive.names):
-            problem = "holds a dense warp, which needs the sizes of the images to become matches"
-            raise input_error(path, problem, "use nonsac.io.from_warp, and save its points1 and points2")
+            return _dense(archive)
         keypoints = [_points(archive, name) for name in _KEYPOINTS]
         name = next((name for name in _INDICES if name in archive.names), None)
         if name is None:
@@ -80,6 +87,41 @@ def read_matcher(path: FilePath) -> Matches:
         weights = _confidence(archive, len(held))
         points1, points2 = (points[column] for points, column in zip(keypoints, indices.T, strict=True))
         return Matches(points1, points2, None if weights is None else weights[held], indices=indices)
+
+
+def _check_one_pair(archive: Archive) -> None:
+    """Refuse the matches of a batch of several pairs of images, which no single pose explains."""
+    name = next((name for name in _BATCH if name in archive.names), None)
+    if name is not None and len(numbers := np.unique(archive.load(name))) > 1:
+        problem = f"holds the matches of {len(numbers)} pairs of images (the array {name} tells which)"
+        raise input_error(archive.path, problem, "save the matches of each pair in a file of its own")
+
+
+def _dense(archive: Archive) -> Matches:
+    """The matches of a warp whose images have known sizes, or of flow."""
+    try:
+        if set(_WARP) <= set(archive.names):
+            return from_warp(archive.load("warp"), archive.load("certainty"), *_sizes(archive))
+        holds = next((name for name in _FLOW_HOLDS if name in archive.names), None)
+        return from_flow(archive.load("flow"), None if holds is None else archive.load(holds))
+    except InputError:
+        raise
+    except ValueError as error:
+        raise input_error(archive.path, str(error), "save the arrays as the program gave them") from error
+
+
+def _sizes(archive: Archive) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Width and height of both images."""
+    keys = next((keys for keys in _SIZES if set(keys) <= set(archive.names)), None)
+    if keys is None:
+        problem = "holds a dense warp, which needs the sizes of the images to become matches"
+        fix = f"save {', '.join(_SIZES[0])} besides, or use nonsac.io.from_warp and save its points1 and points2"
+        raise input_error(archive.path, problem, fix)
+    lengths = [archive.load(name) for name in keys]
+    if any(length.size != 1 or length.dtype.kind not in "iuf" for length in lengths):
+        raise input_error(archive.path, f"{', '.join(keys)} must be a number each", "save widths and heights in pixels")
+    width1, height1, width2, height2 = (length.item() for length in lengths)
+    return (width1, height1), (width2, height2)
 
 
 def _matched_row_by_row(archive: Archive, keypoints: list[Points]) -> Matches:

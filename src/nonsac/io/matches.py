@@ -21,6 +21,7 @@ from nonsac.io.clouds import read_cloud
 from nonsac.io.colmap_database import pair_of_database
 from nonsac.io.colmap_model import points_of_model
 from nonsac.io.correspondences import CameraDescription, Matches, PointMatches, Points
+from nonsac.io.flow import is_flow, read_flow
 from nonsac.io.hloc import read_hloc
 from nonsac.io.matchers import is_of_a_matcher, read_matcher
 from nonsac.layouts import MATCHES, PAIRS, POINTS, Layout
@@ -76,8 +77,8 @@ def open_matches(
     layout : Layout
         `MATCHES`, `POINTS` or `PAIRS` of `nonsac.layouts`.
     files : sequence of path
-        One table (see `nonsac.open_source`), COLMAP database or folder of a COLMAP model; or two: the features and the
-        matches of hloc, or two clouds whose points match row by row.
+        One table (see `nonsac.open_source`), file of optical flow, COLMAP database or folder of a COLMAP model; or
+        two: the features and the matches of hloc, or two clouds whose points match row by row.
     images : sequence of str or int
         Names or numbers of the images, for files with many.
     columns, dataset
@@ -108,6 +109,8 @@ def open_matches(
         return _of_images(layout, first, named)
     if columns is None and dataset is None and not is_url(first):
         _refuse_collections(layout, first)
+        if layout == MATCHES and is_flow(first):
+            return _of_arrays(read_flow(first))
         if layout == MATCHES and is_of_a_matcher(first, but_for=(*layout.keys, layout.names)):
             opened = _of_arrays(read_matcher(first))
             return replace(opened, cameras=_cameras_in(layout, first, may_count_from_0=True))
@@ -127,7 +130,8 @@ def read_matches(path: FilePath, image1: Image | None = None, image2: Image | No
         weight, in any order, or with four or five columns without names. An NPZ file has the keys ``points1`` and
         ``points2``, or ``x1`` and ``x2``, or one array (n, 4) or (n, 5), and perhaps ``weights`` and the cameras
         ``camera1`` and ``camera2``, or ``K1`` and ``K2``; those of SuperGlue, LightGlue, LoFTR, RoMa and MASt3R have
-        the keys that these programs give. Or a COLMAP database (.db).
+        the keys that these programs give, those of optical flow the key ``flow``. Or the flow of a Middlebury file
+        (.flo) or of a 16-bit PNG of KITTI, or a COLMAP database (.db).
     image1, image2
         For a database, the names or numbers of the two images; not for a table.
 

@@ -1,14 +1,10 @@
 """Matches of dense matchers, such as RoMa and DKM, from their warps."""
 
-from numbers import Integral
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from nonsac.io.correspondences import Matches, Points
-from nonsac.seeds import canonical_seed
-from nonsac.values.arraylike import as_array
+from nonsac.io.dense import checked_count, drawn, numbers_of
 from nonsac.values.checks import real_array
 from nonsac.values.numeric import shown
 
@@ -50,43 +46,24 @@ def from_warp(
     ValueError
         If shapes or values do not fit.
     """
-    flow, trust = _array("warp", warp), _array("certainty", certainty)
+    flow, trust = numbers_of("warp", warp), numbers_of("certainty", certainty)
     if flow.ndim != 3 or flow.shape[2] not in (2, 4):
         raise ValueError(f"warp has shape {flow.shape}; expected (H, W, 4) or (H, W, 2), of one pair of images")
     if trust.shape != flow.shape[:2]:
         raise ValueError(f"certainty has shape {trust.shape}; expected {flow.shape[:2]}, as warp has")
-    if count is not None and (not isinstance(count, Integral) or isinstance(count, bool) or int(count) < 1):
-        raise ValueError(f"count is {shown(count)}; expected at least 1, or None for all matches")
-    if flow.shape[2] == 2:
-        flow = np.concatenate([_pixel_grid(*trust.shape), flow], axis=2)
-    certain = trust > 0
-    rows, weights = flow[certain], trust[certain]
-    points1, points2 = _to_pixels("size1", size1, rows[:, :2]), _to_pixels("size2", size2, rows[:, 2:])
-    if count is None or count >= len(rows):
-        return Matches(points1, points2, weights)
-    # The smallest of exponential times, each with its certainty as the rate, are such a draw.
-    with np.errstate(all="ignore"):  # what is next to impossible waits for ever
-        times = _generator(rng).standard_exponential(len(rows)) / weights
-    drawn = np.sort(np.argpartition(times, count - 1)[:count])
-    return Matches(points1[drawn], points2[drawn])
+    count = checked_count(count)
+    height, width = trust.shape
+    certain = np.flatnonzero(trust > 0)
+    chosen, weights = drawn(certain, trust.ravel()[certain], count, rng)
+    rows = flow.reshape(-1, flow.shape[2])[chosen].astype(np.float64)
+    first = _pixels(chosen, height, width) if flow.shape[2] == 2 else rows[:, :2]
+    return Matches(_to_pixels("size1", size1, first), _to_pixels("size2", size2, rows[:, -2:]), weights)
 
 
-def _generator(rng: int | np.random.Generator | None) -> np.random.Generator:
-    return rng if isinstance(rng, np.random.Generator) else np.random.default_rng(canonical_seed(rng))
-
-
-def _array(name: str, values: Any) -> Points:
-    array = as_array(values, name)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} has the type {array.dtype}; expected real numbers")
-    with np.errstate(all="ignore"):
-        return array.astype(np.float64)
-
-
-def _pixel_grid(height: int, width: int) -> Points:
-    """Return where the centres of pixels lie between -1 and 1, shape (height, width, 2)."""
-    x, y = ((2.0 * np.arange(length) + 1) / length - 1 for length in (width, height))
-    return np.stack(np.meshgrid(x, y), axis=2)
+def _pixels(numbers: NDArray[np.int64], height: int, width: int) -> Points:
+    """Where the centres of pixels lie between -1 and 1, of some pixels counted row by row."""
+    rows, columns = np.divmod(numbers, width)
+    return np.column_stack([(2.0 * columns + 1) / width - 1, (2.0 * rows + 1) / height - 1])
 
 
 def _to_pixels(name: str, size: tuple[int, int], points: Points) -> Points:

@@ -1,4 +1,4 @@
-"""The paper's rules for choosing one of m hypotheses (Lee, Vandewalle and Civera, Sec. 3.2).
+"""The paper's rules for choosing one of m hypotheses (Lee, Vandewalle and Civera, Sec. 3.2), and one by averaging.
 
 A rule gives every hypothesis a score, the larger the better, and the best one is selected; ties go to the earlier
 sample. Two slips in the paper's text are resolved as its formulas and results imply: the pair cost is *maximised*,
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from nonsac.estimators.contract import Estimator
 from nonsac.layouts import Array
+from nonsac.method.averaging import AVERAGES, check_kind
 from nonsac.problems.contract import ContractBroken, Problem
 from nonsac.result import Hypothesis
 
@@ -199,6 +200,36 @@ class TruncatedLp(ScoringRule):
         return float(truncated.sum() + (rows - len(truncated)) * h.threshold**self.p)
 
 
+@dataclass(frozen=True)
+class NearestToAverage(ScoringRule):
+    """The hypothesis nearest to a robust average of all of them (none of the paper's rules, but of its Table 1).
+
+    Hypotheses are held against each other only, never against rows. With refine="average" the answer is the average
+    itself.
+
+    Parameters
+    ----------
+    kind : "l1", "trimmed" or "truncated"
+        Which average (see `nonsac.method.averaging`).
+    """
+
+    kind: str = "truncated"
+
+    def __post_init__(self) -> None:
+        check_kind(self.kind)
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind}_average"
+
+    def scores(self, hypotheses: Sequence[Hypothesis], problem: Problem) -> Array:
+        models, found = _models(hypotheses), np.array([h.found for h in hypotheses])
+        if not found.any():
+            return np.full(len(models), -np.inf)
+        average = AVERAGES[self.kind](problem, models[found], np.empty((0, problem.width)))
+        return np.nan_to_num(-problem.distance(models, average[None]), nan=-np.inf)
+
+
 PAIR_COST_EXPONENTS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 TRUNCATED_LP_EXPONENTS = (0.01, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
 
@@ -219,7 +250,8 @@ def paper_rules() -> tuple[ScoringRule, ...]:
 
 def by_name(name: object) -> ScoringRule:
     """The rule with this name in files and on the command line: `most_inliers`, `pair_0.1`, `tlp_0.1`, ..."""
-    for rule in (*paper_rules(), FixedSample()):
+    named = (*paper_rules(), FixedSample(), *map(NearestToAverage, AVERAGES))
+    for rule in named:
         if isinstance(name, str) and rule.name == name:
             return rule
     kind, _, exponent = str(name).partition("_")
@@ -230,7 +262,7 @@ def by_name(name: object) -> ScoringRule:
             value = float("nan")
         if 0 < value < float("inf"):
             return PairCost(value) if kind == "pair" else TruncatedLp(value)
-    known = ", ".join(rule.name for rule in (*paper_rules(), FixedSample()))
+    known = ", ".join(rule.name for rule in named)
     raise ValueError(f"rule must be one of {known} or a rule object, got {name!r}")
 
 

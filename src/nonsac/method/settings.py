@@ -394,14 +394,16 @@ class Settings:
     refine: Refiner = _setting(
         "polish",
         Description(
-            '"union", "polish", "full", "none" or Refiner',
+            '"union", "polish", "full", "none", "average" or Refiner',
             '"union" searches once more where the samples\' findings meet, rescores all hypotheses on all sampled rows '
             'and refits the best; "polish" then fits it to at least 100,000 rows, or all; "full" fits a trusted answer '
-            'to all rows, in some passes over the source in constant memory; "none" returns the selected one.',
+            'to all rows, in some passes over the source in constant memory; "none" returns the selected one, and '
+            '"average" a robust average of all.',
             _refiner,
             _read_refiner,
-            "union|polish|full|none",
-            "The last fit: to the sampled rows, to 100,000, to all rows (in passes over them), or none.",
+            "union|polish|full|none|average",
+            "The last fit: to the sampled rows, to 100,000, to all rows (in passes over them), or none; average takes "
+            "the average of all hypotheses.",
         ),
     )
     workers: Workers = _setting(

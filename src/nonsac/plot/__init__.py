@@ -3,6 +3,7 @@
 from nonsac.plot.box_plots import boxplot
 from nonsac.plot.figures import picture_suffix, render
 from nonsac.plot.graphs import match_graph
+from nonsac.plot.hypotheses import hypotheses
 from nonsac.plot.images import epipolar_lines, matches, reprojections, two_views
 from nonsac.plot.point_clouds import clouds
 
@@ -10,6 +11,7 @@ __all__ = [
     "boxplot",
     "clouds",
     "epipolar_lines",
+    "hypotheses",
     "match_graph",
     "matches",
     "picture_suffix",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from nonsac.files.atomic import write_atomically
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # The blue and the orange of the Okabe-Ito palette: told apart with every kind of colour blindness.
@@ -81,3 +83,23 @@ def new_figure(width: float, height: float) -> Figure:
 
 def write_text(figure: Figure, x: float, y: float, text: str, size: float, **look: Any) -> None:
     figure.text(x, y, text, fontsize=size, **{"ha": "center", "va": "center", "color": INK, **look})
+
+
+def plain_axes(axes: Axes) -> None:
+    """A pale grid, and no frame at the top and on the right."""
+    axes.grid(color="#e5e5e5")
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=INK, length=0)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#bbbbbb")
+
+
+def only_ticks(axes: Axes, name: str, ticks: Sequence[float]) -> None:
+    """Ticks at these places of the axis "x" or "y", and nowhere else; the limits stay."""
+    from matplotlib.ticker import NullLocator
+
+    axis = axes.xaxis if name == "x" else axes.yaxis
+    low, high = axis.get_view_interval()
+    axis.set_ticks(list(ticks), [f"{tick:g}" for tick in ticks], fontsize=9)
+    axis.set_minor_locator(NullLocator())
+    (axes.set_xlim if name == "x" else axes.set_ylim)(low, high)

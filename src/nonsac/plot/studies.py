@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nonsac.plot.figures import BLUE, INK, ORANGE
+from nonsac.plot.figures import BLUE, INK, ORANGE, only_ticks, plain_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,9 +65,9 @@ def curves(axes: Axes, places: Sequence[float], series: Mapping[str, ArrayLike],
         if name in series:
             axes.plot(places, np.asarray(series[name]), "o-", color=colour, linewidth=1.8, markersize=4, label=name)
     axes.set_xscale("log")
-    _only_ticks(axes, "x", places)
+    only_ticks(axes, "x", places)
     axes.set_ylim(-0.02, 1.02)
-    _plain(axes)
+    plain_axes(axes)
 
 
 def percentile_boxes(axes: Axes, boxes: Mapping[str, Sequence[float]], emphasised: Sequence[str] = ()) -> None:
@@ -89,11 +89,11 @@ def percentile_boxes(axes: Axes, boxes: Mapping[str, Sequence[float]], emphasise
         axes.barh(place, third - first, 0.6, left=first, color=pale, edgecolor="#666666", zorder=3)
         axes.vlines(median, place - 0.3, place + 0.3, color=INK, linewidth=1.8, zorder=4)
     axes.set_xscale("log")
-    _only_ticks(axes, "x", _TICKS)
+    only_ticks(axes, "x", _TICKS)
     axes.set_xlim(_LEAST / 1.2, _LARGEST * 1.2)
     axes.set_yticks(range(len(boxes)), list(boxes), fontsize=9)
     axes.set_ylim(len(boxes) - 0.4, -0.6)
-    _plain(axes)
+    plain_axes(axes)
 
 
 def against_time(
@@ -117,9 +117,9 @@ def against_time(
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.08, 0.12)
-    _only_ticks(axes, "x", _ticks_between(axes.get_xlim()))
-    _only_ticks(axes, "y", _ticks_between(axes.get_ylim()))
-    _plain(axes)
+    only_ticks(axes, "x", _ticks_between(axes.get_xlim()))
+    only_ticks(axes, "y", _ticks_between(axes.get_ylim()))
+    plain_axes(axes)
 
 
 def reliability(
@@ -149,7 +149,7 @@ def reliability(
     axes.set_xlim(-0.5, len(bins) - 0.5)
     axes.set_ylim(-0.04, 1.04)
     axes.set_xticks(np.arange(len(edges)) - 0.5, [f"{edge:g}" for edge in edges], fontsize=8)
-    _plain(axes)
+    plain_axes(axes)
 
 
 def _ticks_between(limits: tuple[float, float]) -> list[float]:
@@ -160,21 +160,3 @@ def _ticks_between(limits: tuple[float, float]) -> list[float]:
         if len(visible) >= 3:
             break
     return visible
-
-
-def _only_ticks(axes: Axes, name: str, ticks: Sequence[float]) -> None:
-    from matplotlib.ticker import NullLocator
-
-    axis = axes.xaxis if name == "x" else axes.yaxis
-    low, high = axis.get_view_interval()
-    axis.set_ticks(list(ticks), [f"{tick:g}" for tick in ticks], fontsize=9)
-    axis.set_minor_locator(NullLocator())
-    (axes.set_xlim if name == "x" else axes.set_ylim)(low, high)
-
-
-def _plain(axes: Axes) -> None:
-    axes.grid(color="#e5e5e5")
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, length=0)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#bbbbbb")

@@ -19,6 +19,7 @@ from nonsac.kernels.reprojection import (
     reprojection_residuals,
 )
 from nonsac.layouts import POINTS, Array
+from nonsac.problems.averages import mean_motion
 from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
 from nonsac.problems.noise import Noise
@@ -182,6 +183,9 @@ class AbsolutePose(Streaming, Problem):
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""
         return rotation_distance(a, b)
+
+    def average(self, models: Array, rows: Array) -> Array:
+        return mean_motion(models, self.pivot(rows))
 
     def _derivatives(self, model: Array, rows: Array) -> tuple[Array, Array]:
         """Residuals (N, 2) and their derivatives (N, 2, 6), for points relative to their centre."""

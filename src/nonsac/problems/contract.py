@@ -124,6 +124,14 @@ class Problem(ABC):
         chord = np.sqrt(np.minimum(((a - b) ** 2).sum(axis=axes), ((a + b) ** 2).sum(axis=axes)))
         return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))))
 
+    def average(self, models: Array, rows: Array) -> Array:
+        """The model with the least sum of distances to models (M, *model_shape), of which there is at least one.
+
+        By default the best of themselves, by `distance`; a problem that knows the mean between them gives that. `rows`
+        tell where models matter, and there may be none.
+        """
+        return np.asarray(models[int(np.argmin(sums_of_distances(self, models)))])
+
     def determined(self, model: Array, inliers: Array, noise: Noise) -> bool:
         """Whether these inlier rows, uncertain by the noise, pin the model down; the model may be NaN.
 
@@ -286,6 +294,13 @@ def residuals_of(problem: Problem, models: Array, rows: Array) -> Array:
             f"{len(rows)} rows: return (M, N)"
         )
     return residuals
+
+
+def sums_of_distances(problem: Problem, models: Array, most: float = np.inf) -> Array:
+    """How far each model is from all others together (M,), none counting for more than `most` degrees."""
+    step = max(1, _BLOCK // max(1, models.size))
+    blocks = [problem.distance(models[i : i + step, None], models[None]) for i in range(0, len(models), step)]
+    return np.concatenate([np.fmin(block, most).sum(axis=1) for block in blocks])
 
 
 def check_attributes(problem: Problem) -> None:

@@ -18,6 +18,7 @@ from nonsac.kernels.registration import (
     registration_residuals,
 )
 from nonsac.layouts import PAIRS, Array
+from nonsac.problems.averages import mean_motion
 from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import at_origin, least_squares_covariance, robust_covariance
 from nonsac.problems.noise import Noise
@@ -192,6 +193,9 @@ class Registration(Streaming, Problem):
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""
         return rotation_distance(_rotations(a), _rotations(b))
+
+    def average(self, models: Array, rows: Array) -> Array:
+        return mean_motion(models, self.pivot(rows))
 
 
 def centre(rows: Array) -> Array:

@@ -23,6 +23,7 @@ from nonsac.kernels.sampson import (
     sampson_jacobian,
 )
 from nonsac.layouts import MATCHES, Array
+from nonsac.problems.averages import mean_motion
 from nonsac.problems.contract import Problem
 from nonsac.problems.covariance import least_squares_covariance, robust_covariance
 from nonsac.problems.noise import Noise
@@ -253,6 +254,9 @@ class RelativePose(Streaming, Problem):
     def distance(self, a: Array, b: Array) -> Array:
         """Angle between the rotations, in degrees."""
         return rotation_distance(a, b)
+
+    def average(self, models: Array, rows: Array) -> Array:
+        return mean_motion(models, self.pivot(rows), is_direction=True)
 
     def _derivatives(self, model: Array, rows: Array) -> tuple[Array, Array]:
         residuals, jacobian = np.empty(len(rows)), np.empty((len(rows), 5))
