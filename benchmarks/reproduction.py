@@ -78,9 +78,9 @@ What differs from the paper's text, on purpose or because something else came fi
 
 {literal}
 
-A column rests on {literal_points} trials here, so .05 is within chance. Cameras that see all points bring the minimum rules
-of PnP some way towards the paper's. They make relative poses easier than in the paper, whose noise levels were fitted with
-the other placement. Sums as ranks do not bring registration closer.
+A column rests on {literal_points} trials here, so .05 is within chance. Cameras that see all points bring the minimum
+rules of PnP some way towards the paper's. They make relative poses easier than in the paper: noise levels were fitted
+with the other placement. Sums as ranks do not bring registration closer.
 
 ## Three orderings, tested
 
