@@ -57,6 +57,7 @@ ESTIMATORS: dict[str, Named] = {
     "ransac": Named("ransac:default", "RANSAC with local optimisation and early stopping (Fischler 1981, Chum 2003)"),
     "pcr99": Named("pcr99:default", "PCR-99, pairs ranked by consistency (Lee et al. 2024; NONSAC, Sec. 4.3)", _PAIRS),
     "msac": Named("usac:msac", "RANSAC with a truncated quadratic score (Torr and Zisserman 2000)"),
+    "lo-ransac": Named("inner_ransac:lo_ransac", "RANSAC with an inner RANSAC among inliers (Chum et al. 2003)"),
     "magsac": Named("usac:magsac", "MAGSAC++, a score and a fit without one noise level (Barath et al. 2020)"),
 }
 

@@ -99,7 +99,7 @@ class LocalOptimiser(ABC):
 
     @abstractmethod
     def models(self, consensus: Consensus, model: Array, rng: np.random.Generator) -> Array:
-        """Models (K, *shape) near this one, some of which may be NaN; the best of them is kept if it is better."""
+        """Models (K, *shape) near this one, some of which may be NaN; the best of them is kept if it is as good."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Usac(Estimator):
             highest, candidates = found[1], models[found[0]][None]
             if self.optimiser is not None:
                 near = self.optimiser.models(consensus, candidates[0], rng)
-                candidates, tested = np.concatenate([candidates, near]), tested + len(near)
+                candidates, tested = np.concatenate([near, candidates]), tested + len(near)  # of equals the first wins
             better = consensus.best(_finite(candidates), score)
             if better is None:
                 continue
