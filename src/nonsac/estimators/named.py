@@ -58,6 +58,7 @@ ESTIMATORS: dict[str, Named] = {
     "pcr99": Named("pcr99:default", "PCR-99, pairs ranked by consistency (Lee et al. 2024; NONSAC, Sec. 4.3)", _PAIRS),
     "msac": Named("usac:msac", "RANSAC with a truncated quadratic score (Torr and Zisserman 2000)"),
     "lo-ransac": Named("inner_ransac:lo_ransac", "RANSAC with an inner RANSAC among inliers (Chum et al. 2003)"),
+    "prosac": Named("prosac:prosac", "PROSAC, rows drawn in the order of their weights (Chum and Matas 2005)"),
     "magsac": Named("usac:magsac", "MAGSAC++, a score and a fit without one noise level (Barath et al. 2020)"),
 }
 
