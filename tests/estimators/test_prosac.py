@@ -120,6 +120,19 @@ def test_stops_as_published(rng, ratio, size):
         assert found == published_need(right, size, 0.1, 0.95, 0.05, 20)
 
 
+@pytest.mark.parametrize("size", [1, 3, 5])
+def test_as_many_inliers_are_asked_for_as_published(size):
+    """Of thirty rows, each number of them."""
+    found, published = (
+        [need(np.cumsum(right) if need is samples_needed else right, size, 0.2, 0.95, 0.05, 30) for right in rights]
+        for need, rights in ((need, [np.arange(30) < count for count in range(31)]) for need in NEEDS)
+    )
+    assert found == published
+
+
+NEEDS = (samples_needed, published_need)
+
+
 def test_inliers_that_chance_explains_do_not_end_the_search():
     right = np.arange(1000) % 10 == 0
     assert samples_needed(np.cumsum(right), 3, 0.1, 0.95, 0.05, 20) == 2**62
