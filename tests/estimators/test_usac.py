@@ -10,7 +10,7 @@ from nonsac.estimators.usac import Consensus, Reweighting, Usac
 from nonsac.testing import check_estimator
 
 NOISE = 1e-3
-METHODS = ("msac", "magsac", "lo-ransac")
+METHODS = ("msac", "magsac", "lo-ransac", "gc-ransac")
 methods = pytest.mark.parametrize("name", METHODS)
 
 

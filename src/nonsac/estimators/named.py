@@ -60,6 +60,7 @@ ESTIMATORS: dict[str, Named] = {
     "lo-ransac": Named("inner_ransac:lo_ransac", "RANSAC with an inner RANSAC among inliers (Chum et al. 2003)"),
     "prosac": Named("prosac:prosac", "PROSAC, rows drawn in the order of their weights (Chum and Matas 2005)"),
     "magsac": Named("usac:magsac", "MAGSAC++, a score and a fit without one noise level (Barath et al. 2020)"),
+    "gc-ransac": Named("graph_cut:gc_ransac", "RANSAC, inliers labelled with their neighbours (Barath and Matas 2018)"),
     "gnc-tls": Named("graduated:gnc_tls", "Graduated non-convexity, truncated least squares (Yang et al. 2020)"),
     "gnc-gm": Named("graduated:gnc_gm", "Graduated non-convexity, Geman-McClure loss (Yang et al. 2020)"),
     "irls": Named("graduated:irls", "Reweighted least squares, a truncation that shrinks (after Peng et al. 2023)"),
