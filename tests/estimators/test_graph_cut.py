@@ -90,10 +90,27 @@ def test_models_get_better_with_every_labelling(rng):
     assert naive.angle_between(models[np.argmax(consensus.scores(models))], pairs.T) < 0.5
 
 
+@pytest.mark.parametrize(("size", "rows"), [(1.0, 3), (1.5, 5), (7.0, 21)])
+def test_samples_are_multiples_of_minimal_ones(rng, size, rows):
+    class Sized(Registration):
+        def refit(self, model, rows, weights):
+            sizes.append(len(rows))
+            return super().refit(model, rows, weights)
+
+    sizes, pairs = [], simulate.registration(200, 0.5, NOISE, rng)
+    consensus = Consensus(Sized(), Rows(np.hstack([pairs.source, pairs.target])), 5 * NOISE, Truncated())
+    GraphCut(sample_size=size, samples=4, rounds=1).models(consensus, pairs.T[:3], rng)
+    assert sizes[1:] == [rows] * 4
+    assert 90 <= sizes[0] <= 110
+
+
 def test_wrong_settings_are_refused_by_name():
     for wrong in (-0.1, np.nan, np.inf, "much"):
         with pytest.raises(ValueError, match="coherence must be a number of at least 0, got"):
             GraphCut(coherence=wrong)
+    for wrong in (0.9, np.nan, np.inf, "7"):
+        with pytest.raises(ValueError, match="sample_size must be a number of at least 1, got"):
+            GraphCut(sample_size=wrong)
     for name in ("neighbours", "samples", "rounds"):
         for number in (0, 1.5, True, "3"):
             with pytest.raises(ValueError, match=f"{name} must be a whole number of at least 1, got"):

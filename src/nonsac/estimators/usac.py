@@ -23,7 +23,7 @@ from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis
 from nonsac.values.numeric import as_real, as_whole, shown
 
-_FIRST_BATCH, _LARGEST_BATCH = 64, 256
+_BATCH = 64
 _INLIERS, _MARGINALISED = Inliers(), Marginalised()
 
 
@@ -172,12 +172,12 @@ class Usac(Estimator):
         if why_not or len(rows) < problem.minimal_size:
             return _none(consensus, 0, why_not)
         model, score, highest, tested, drawn = problem.no_model, 0.0, 0.0, 0, 0
-        needed, batch = self.iterations, _FIRST_BATCH
+        needed = self.iterations
         while drawn < needed:
-            size = min(batch, needed - drawn)
+            size = min(_BATCH, needed - drawn)
             numbers = self.sampler.draw(rows, problem.minimal_size, drawn, size, rng)
             models = solved(problem, gathered(rows.values, numbers))
-            drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
+            drawn, tested = drawn + size, tested + len(models)
             found = consensus.best(models, highest) if len(models) else None
             if found is None:
                 continue
