@@ -6,7 +6,7 @@ from nonsac import AbsolutePose, Noise, Registration, RelativePose, Rows, simula
 from nonsac.estimators import Ransac
 from nonsac.estimators.named import ESTIMATORS
 from nonsac.estimators.scores import Inliers, Marginalised, Truncated
-from nonsac.estimators.usac import Consensus, Reweighting, Usac
+from nonsac.estimators.usac import Consensus, LocalOptimiser, Reweighting, Usac
 from nonsac.testing import check_estimator
 
 NOISE = 1e-3
@@ -163,6 +163,31 @@ def test_of_inliers_alone_it_is_ransac(rng):
     rows, _ = two_clouds(rng)
     first, second = (estimate(each, Registration(), rows) for each in (Usac(64, None), Ransac(64)))
     np.testing.assert_array_equal(first.model, second.model)
+
+
+class Taken(LocalOptimiser):
+    """Takes down what it is asked to improve."""
+
+    def __init__(self):
+        self.asked = []
+
+    def models(self, consensus, model, rng):
+        self.asked.append(consensus.scores(model[None])[0])
+        return np.full((2, *model.shape), np.nan)
+
+
+@pytest.mark.parametrize("eager", [False, True])
+def test_only_models_better_than_all_before_are_improved_unless_it_is_eager(rng, eager):
+    rows, _ = a_line(rng)
+    optimiser = Taken()
+    hypothesis = estimate(Usac(640, None, optimiser=optimiser, eager=eager), naive.Line(), rows, 0.01)
+    assert hypothesis.num_inliers == max(optimiser.asked)
+    assert hypothesis.tested == 640 + 2 * len(optimiser.asked)
+    if eager:
+        assert len(optimiser.asked) == 10
+    else:
+        assert 1 < len(optimiser.asked) < 10
+        assert (np.diff(optimiser.asked) > 0).all()
 
 
 def test_stops_earlier_the_more_inliers_there_are(rng):

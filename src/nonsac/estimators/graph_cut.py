@@ -48,7 +48,7 @@ class GraphCut(LocalOptimiser):
     coherence: float = 0.14
     neighbours: int = 6
     sample_size: float = 1.5
-    samples: int = 20
+    samples: int = 10
     rounds: int = 10
 
     def __post_init__(self) -> None:
@@ -128,5 +128,5 @@ def labels(ratios: Array, edges: NDArray[np.int64], coherence: float) -> NDArray
 
 
 def gc_ransac(problem: Problem) -> Usac:
-    """GC-RANSAC: the truncated quadratic score, and graph cuts for every best model."""
-    return Usac(score=Truncated(), optimiser=GraphCut())
+    """GC-RANSAC: the truncated quadratic score, and graph cuts for the best model of every batch."""
+    return Usac(score=Truncated(), optimiser=GraphCut(), eager=True)

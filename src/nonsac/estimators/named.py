@@ -64,6 +64,7 @@ ESTIMATORS: dict[str, Named] = {
     "gnc-tls": Named("graduated:gnc_tls", "Graduated non-convexity, truncated least squares (Yang et al. 2020)"),
     "gnc-gm": Named("graduated:gnc_gm", "Graduated non-convexity, Geman-McClure loss (Yang et al. 2020)"),
     "irls": Named("graduated:irls", "Reweighted least squares, a truncation that shrinks (after Peng et al. 2023)"),
+    "hough": Named("hough:hough", "Randomised Hough transform for rotations (Xu et al. 1990)", _PAIRS),
 }
 
 

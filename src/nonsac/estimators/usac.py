@@ -130,8 +130,8 @@ class Reweighting(LocalOptimiser):
 class Usac(Estimator):
     """Sample consensus of these parts; rows are drawn, and count in the score, by their weights if they have some.
 
-    Minimal samples are drawn in batches. If the best model of a batch is better than all that were drawn before, it is
-    improved, and the best model of all is kept.
+    Minimal samples are drawn in batches of 64. If the best model of a batch is better than all that were drawn before,
+    it is improved, and the best model of all is kept.
 
     Parameters
     ----------
@@ -143,6 +143,9 @@ class Usac(Estimator):
         What makes a model the best.
     optimiser : LocalOptimiser or None
     sampler : Sampler
+    eager : bool
+        Improve the best model of every batch: several times the work, and a right model is found more often if few
+        rows are inliers.
 
     Examples
     --------
@@ -154,6 +157,7 @@ class Usac(Estimator):
     score: Score = _INLIERS
     optimiser: LocalOptimiser | None = None
     sampler: Sampler = _UNIFORM
+    eager: bool = False
 
     def __post_init__(self) -> None:
         iterations = as_whole(self.iterations)
@@ -178,10 +182,10 @@ class Usac(Estimator):
             numbers = self.sampler.draw(rows, problem.minimal_size, drawn, size, rng)
             models = solved(problem, gathered(rows.values, numbers))
             drawn, tested = drawn + size, tested + len(models)
-            found = consensus.best(models, highest) if len(models) else None
+            found = consensus.best(models, 0.0 if self.eager else highest) if len(models) else None
             if found is None:
                 continue
-            highest, candidates = found[1], models[found[0]][None]
+            highest, candidates = max(highest, found[1]), models[found[0]][None]
             if self.optimiser is not None:
                 near = self.optimiser.models(consensus, candidates[0], rng)
                 candidates, tested = np.concatenate([near, candidates]), tested + len(near)  # of equals the first wins
