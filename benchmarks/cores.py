@@ -3,7 +3,7 @@
     python benchmarks/cores.py [--trials 20] [--iterations 1000] [--json FILE]
 
 Writes the JSON and the tables of docs/cores.md. All search for the same number of iterations and do not stop early,
-but for OpenCV, which cannot be told not to. Weights, for what needs them, are drawn from beta distributions: (4, 2) for
+but for OpenCV, which cannot be told not to, and GNC, IRLS and Hough, whose work is their own. Weights, for what needs them, are drawn from beta distributions: (4, 2) for
 right rows and (2, 4) for wrong ones. pygcransac and pymagsac are measured if they can be imported.
 """
 
@@ -27,7 +27,7 @@ from nonsac.evaluation import mean_average_accuracy, rotation_error
 
 PAGE, BEGIN, END = Path(__file__).parents[1] / "docs" / "cores.md", "<!-- cores -->", "<!-- end -->"
 ROWS = 1000
-OWN = ("ransac", "msac", "lo-ransac", "prosac", "magsac", "gc-ransac", "gnc-tls", "gnc-gm", "irls")
+OWN = ("ransac", "msac", "lo-ransac", "prosac", "magsac", "gc-ransac", "gnc-tls", "gnc-gm", "irls", "hough")
 FOCAL = 1000.0  # pixels, for what wants some
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -196,7 +196,7 @@ def measured(
 def results(trials: int, iterations: int) -> Iterator[dict[str, Any]]:
     for title, kind in KINDS.items():
         peers = [name for name, (module, *_) in PEERS.items() if title == "relative pose" and installed(module)]
-        for name in (*OWN, *peers):
+        for name in (*(name for name in OWN if ESTIMATORS[name].fits(kind.problem)), *peers):
             solve = own if name in OWN else peer
             measured(name, kind, kind.outliers[0], 1, iterations, solve)  # compiles
             for outliers in kind.outliers:

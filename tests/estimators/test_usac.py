@@ -230,13 +230,35 @@ def test_msac_is_nearer_than_the_number_of_inliers_if_the_threshold_is_wide(rng)
     assert errors[Truncated()] < 0.8 * errors[Inliers()]
 
 
+def test_weights_of_fits_reach_as_far_as_the_noise_they_allow(rng):
+    """Beside a slow and obvious one, at a largest noise that shrinks from four times the last."""
+    rows, T = two_clouds(rng)
+    start = naive.nudged(rng, T[:3], 0.3)
+    consensus = Consensus(Registration(), Rows(rows), 5 * NOISE, Marginalised())
+    models = Reweighting(steps=5).models(consensus, start, rng)
+    assert len(models) == 6
+    for before, after, width in zip(models, models[1:], [4.0, 1.0, 1.0, 1.0, 1.0], strict=False):
+        ratios = naive.residuals(before, rows) / (5 * NOISE * width)
+        weights = np.where(ratios < 1.0, Marginalised().weights(ratios), 0.0)
+        np.testing.assert_allclose(after, naive.kabsch(rows, weights), atol=1e-9)
+
+
+def test_wrong_settings_of_reweighting_are_refused_by_name():
+    for wrong in (0, 1.5, True, "3"):
+        with pytest.raises(ValueError, match="steps must be a whole number of at least 1, got"):
+            Reweighting(steps=wrong)
+    for wrong in (0.5, np.nan, np.inf, "2"):
+        with pytest.raises(ValueError, match="widest must be a number of at least 1, got"):
+            Reweighting(widest=wrong)
+
+
 @problems
 def test_reweighting_never_raises_the_loss_by_much(rng, problem, make_rows):
     """Each fit minimises a bound of the loss that touches it at the model before."""
     rows, T = make_rows(rng)
     consensus = Consensus(problem, Rows(rows), 5 * NOISE, Marginalised())
     start = naive.nudged(rng, T[:3], 0.1, direction=isinstance(problem, RelativePose))
-    models = Reweighting().models(consensus, start, rng)
+    models = Reweighting(widest=1.0).models(consensus, start, rng)
     scores = consensus.scores(models)
     assert len(models) > 3
     assert (np.diff(scores) > -1e-3).all()

@@ -106,21 +106,35 @@ class LocalOptimiser(ABC):
 class Reweighting(LocalOptimiser):
     """Iteratively reweighted least squares with the weights of MAGSAC++ (sigma-consensus++, Barath et al. 2020).
 
+    The largest noise shrinks to that of the score in the first half of the steps, so that a model that is off is drawn
+    in; the paper has one largest noise for all.
+
     Parameters
     ----------
     score : Marginalised
     steps : int
+        Fits, at least 1.
+    widest : float
+        The first largest noise, in units of the score's; 1 as published.
     """
 
     score: Marginalised = _MARGINALISED
     steps: int = 10
+    widest: float = 4.0
+
+    def __post_init__(self) -> None:
+        steps = as_whole(self.steps)
+        if steps is None or steps < 1:
+            raise ValueError(f"steps must be a whole number of at least 1, got {shown(self.steps)}")
+        if not 1.0 <= as_real(self.widest) < np.inf:
+            raise ValueError(f"widest must be a number of at least 1, got {shown(self.widest)}")
 
     def models(self, consensus: Consensus, model: Array, rng: np.random.Generator) -> Array:
-        found = [model]
-        for _ in range(self.steps):
-            ratios = consensus.ratios(found[-1])
+        found, half = [model], self.steps // 2
+        for width in (*np.geomspace(self.widest, 1.0, half), *np.ones(self.steps - half)):
+            ratios = consensus.ratios(found[-1]) / width
             fitted = consensus.fitted(found[-1], np.where(ratios < 1.0, self.score.weights(ratios), 0.0))
-            if not np.isfinite(fitted).all() or np.array_equal(fitted, found[-1]):
+            if not np.isfinite(fitted).all():
                 break
             found.append(fitted)
         return np.stack(found)
@@ -219,4 +233,4 @@ def msac(problem: Problem) -> Usac:
 
 def magsac(problem: Problem) -> Usac:
     """MAGSAC++ (Barath, Noskova, Ivashechkin and Matas 2020)."""
-    return Usac(score=Marginalised(), optimiser=Reweighting())
+    return Usac(score=Marginalised(), optimiser=Reweighting(), eager=True)
