@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-RUN = ["choosing.md", "extending.md", "matchers.md"]
+RUN = ["choosing.md", "cores.md", "extending.md", "matchers.md"]
 
 
 @pytest.mark.parametrize("page", RUN)

@@ -57,6 +57,15 @@ _KINDS = {"Registration": "3D registrations", "RelativePose": "relative poses", 
 ESTIMATORS: dict[str, Named] = {
     "ransac": Named("ransac:default", "RANSAC with local optimisation and early stopping (Fischler 1981, Chum 2003)"),
     "pcr99": Named("pcr99:default", "PCR-99, pairs ranked by consistency (Lee et al. 2024; NONSAC, Sec. 4.3)", _PAIRS),
+    "msac": Named("usac:msac", "RANSAC with a truncated quadratic score (Torr and Zisserman 2000)"),
+    "lo-ransac": Named("inner_ransac:lo_ransac", "RANSAC with an inner RANSAC among inliers (Chum et al. 2003)"),
+    "prosac": Named("prosac:prosac", "PROSAC, rows drawn in the order of their weights (Chum and Matas 2005)"),
+    "magsac": Named("usac:magsac", "MAGSAC++, a score and a fit without one noise level (Barath et al. 2020)"),
+    "gc-ransac": Named("graph_cut:gc_ransac", "RANSAC, inliers labelled with their neighbours (Barath and Matas 2018)"),
+    "gnc-tls": Named("graduated:gnc_tls", "Graduated non-convexity, truncated least squares (Yang et al. 2020)"),
+    "gnc-gm": Named("graduated:gnc_gm", "Graduated non-convexity, Geman-McClure loss (Yang et al. 2020)"),
+    "irls": Named("graduated:irls", "Reweighted least squares, a truncation that shrinks (after Peng et al. 2023)"),
+    "hough": Named("hough:hough", "Randomised Hough transform for rotations (Xu et al. 1990)", _PAIRS),
 }
 
 

@@ -73,7 +73,7 @@ class Ransac(Estimator):
         while drawn < needed:
             size = min(batch, needed - drawn)
             numbers = minimal_samples(len(rows), problem.minimal_size, size, rng, weights)
-            models = solved(problem, _gathered(rows.values, numbers))
+            models = solved(problem, gathered(rows.values, numbers))
             drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
             if not len(models):
                 continue
@@ -107,7 +107,7 @@ class Ransac(Estimator):
         while drawn < needed:
             size = min(batch, needed - drawn)
             numbers = minimal_samples(len(rows), problem.minimal_size, size, rng)
-            models = solved(problem, _gathered(rows.values, numbers))
+            models = solved(problem, gathered(rows.values, numbers))
             drawn, batch, tested = drawn + size, min(2 * batch, _LARGEST_BATCH), tested + len(models)
             if not len(models):
                 continue
@@ -158,7 +158,7 @@ class Ransac(Estimator):
             if len(inliers) <= problem.minimal_size:
                 continue
             numbers = minimal_samples(len(inliers), problem.minimal_size, _INNER, rng, inliers.mean_weights)
-            found = solved(problem, _gathered(inliers.values, numbers))
+            found = solved(problem, gathered(inliers.values, numbers))
             if not len(found):
                 continue
             tested += len(found)
@@ -234,7 +234,7 @@ def _distinct(rows: int, size: int, count: int, rng: np.random.Generator) -> NDA
     return drawn
 
 
-def _gathered(rows: Array, numbers: NDArray[np.int64]) -> Array:
+def gathered(rows: Array, numbers: NDArray[np.int64]) -> Array:
     samples = np.empty((*numbers.shape, rows.shape[1]))
     gather_rows(rows, numbers, samples)
     return samples
