@@ -68,6 +68,11 @@ SIGNATURES = {
     "minimal_samples.distinct_rows": "f8[:,::1], i8, i8[:,::1]",
     "minimal_samples.gather_rows": "f8[:,::1], i8[:,::1], f8[:,:,::1]",
     "losses.mirror": "f8[:,::1]",
+    "consistency_graph.fill_consistency_graph": "f4[:,::1], f4, u8[:,::1]",
+    "consistency_graph.count_common_neighbours": "u8[:,::1], u2[:,::1]",
+    "consistency_graph.multiply_counts": "u2[:,::1], f4[::1], f4[::1]",
+    "consistency_graph.count_edges": "u8[:,::1], i8[::1]",
+    "consistency_graph.local_maxima": "f8[:,::1], i8[::1], f8, b1[::1]",
 }
 
 _MINIMAL = ("minimal_samples.distinct_rows", "minimal_samples.gather_rows")
