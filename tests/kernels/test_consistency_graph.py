@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from graph_samples import random_edges, words_of
 from nonsac.kernels import consistency_graph as kernels
 
 
@@ -19,13 +20,6 @@ def edges_one_by_one(pairs, tolerance):
     edges = np.abs(first - second) < tolerance
     np.fill_diagonal(edges, False)
     return edges
-
-
-def words_of(edges):
-    n = len(edges)
-    padded = np.zeros((n, 64 * -(-n // 64)), np.uint8)
-    padded[:, :n] = edges
-    return np.ascontiguousarray(np.packbits(padded, axis=1, bitorder="little")).view(np.uint64)
 
 
 @pytest.mark.parametrize("n", [1, 2, 63, 64, 65, 511, 513, 1100])
@@ -52,8 +46,7 @@ def test_infinite_rows_agree_with_none(rng):
 
 @pytest.mark.parametrize("n", [2, 64, 200])
 def test_common_neighbours_are_those_of_the_matrix_product(rng, n):
-    edges = np.triu(rng.random((n, n)) < 0.4, 1)
-    edges |= edges.T
+    edges = random_edges(rng, n, 0.4)
     counts, degrees = np.full((n, n), 9, np.uint16), np.empty(n, np.int64)
     kernels.count_common_neighbours(words_of(edges), counts)
     kernels.count_edges(words_of(edges), degrees)
@@ -77,3 +70,10 @@ def test_a_local_maximum_has_nothing_higher_beside_it(rng):
     expected = [not any(near[i, j] and rank[j] < rank[i] for j in range(200)) for i in range(200)]
     np.testing.assert_array_equal(found, expected)
     assert 10 < found.sum() < 190
+
+
+def test_rows_in_another_order_are_the_same_graph(rng):
+    edges, order = random_edges(rng, 130, 0.3), rng.permutation(130)
+    ordered = np.full((130, 3), 2**64 - 1, np.uint64)
+    kernels.order_rows(words_of(edges), order, ordered)
+    np.testing.assert_array_equal(ordered, words_of(edges[np.ix_(order, order)]))

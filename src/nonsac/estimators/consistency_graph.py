@@ -13,6 +13,7 @@ from nonsac.kernels.consistency_graph import (
     count_edges,
     fill_consistency_graph,
     multiply_counts,
+    order_rows,
 )
 from nonsac.layouts import Array
 
@@ -70,6 +71,12 @@ class ConsistencyGraph:
         """Which of some rows (..., k) are connected with each other, (..., k, k)."""
         first, second = numbers[..., :, None], numbers[..., None, :]
         return (self.words[first, second >> 6] >> (second & 63).astype(np.uint64)) & np.uint64(1) != 0
+
+    def ordered(self, order: NDArray[np.int64]) -> ConsistencyGraph:
+        """The same graph with its rows in another order."""
+        words = np.empty_like(self.words)
+        order_rows(self.words, order, words)
+        return ConsistencyGraph(words)
 
     def leading_eigenvector(self) -> Array:
         """That of the common neighbours (N,), of length 1: how much each row belongs to the main cluster.

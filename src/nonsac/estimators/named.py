@@ -57,6 +57,7 @@ ESTIMATORS: dict[str, Named] = {
     "ransac": Named("ransac:default", "RANSAC with local optimisation and early stopping (Fischler 1981, Chum 2003)"),
     "pcr99": Named("pcr99:default", "PCR-99, pairs ranked by consistency (Lee et al. 2024; NONSAC, Sec. 4.3)", _PAIRS),
     "sc2-pcr": Named("sc2_pcr:default", "SC2-PCR, second-order consistency around seeds (Chen et al. 2022)", _PAIRS),
+    "teaser": Named("teaser:default", "TEASER++, the largest clique, then GNC and votes (Yang et al. 2021)", _PAIRS),
 }
 
 

@@ -71,6 +71,9 @@ SIGNATURES = {
     "consistency_graph.fill_consistency_graph": "f4[:,::1], f4, u8[:,::1]",
     "consistency_graph.count_common_neighbours": "u8[:,::1], u2[:,::1]",
     "consistency_graph.multiply_counts": "u2[:,::1], f4[::1], f4[::1]",
+    "consistency_graph.order_rows": "u8[:,::1], i8[::1], u8[:,::1]",
+    "max_clique.peel": "u8[:,::1], i8[::1], i8[::1]",
+    "max_clique.largest_clique": "u8[:,::1], i8[::1], i8, i8, i8[::1]",
     "consistency_graph.count_edges": "u8[:,::1], i8[::1]",
     "consistency_graph.local_maxima": "f8[:,::1], i8[::1], f8, b1[::1]",
 }

@@ -64,6 +64,17 @@ def fill_consistency_graph(columns, tolerance, words):
 
 
 @kernel
+def order_rows(words, order, ordered):
+    """The same graph with row order[i] as row i."""
+    for i in range(words.shape[0]):
+        for w in range(words.shape[1]):
+            ordered[i, w] = np.uint64(0)
+        for j in range(words.shape[0]):
+            if has_edge(words, order[i], order[j]):
+                ordered[i, j >> 6] |= np.uint64(1) << np.uint64(j & 63)
+
+
+@kernel
 def count_edges(words, degrees):
     """How many neighbours each row has."""
     for i in range(words.shape[0]):
