@@ -58,6 +58,8 @@ ESTIMATORS: dict[str, Named] = {
     "pcr99": Named("pcr99:default", "PCR-99, pairs ranked by consistency (Lee et al. 2024; NONSAC, Sec. 4.3)", _PAIRS),
     "sc2-pcr": Named("sc2_pcr:default", "SC2-PCR, second-order consistency around seeds (Chen et al. 2022)", _PAIRS),
     "teaser": Named("teaser:default", "TEASER++, the largest clique, then GNC and votes (Yang et al. 2021)", _PAIRS),
+    "mac": Named("mac:default", "MAC, the heaviest maximal cliques (Zhang et al. 2023)", _PAIRS),
+    "turboreg": Named("turboreg:default", "TurboReg, the best triangles on the best edges (Yan et al. 2025)", _PAIRS),
 }
 
 

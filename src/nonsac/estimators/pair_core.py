@@ -6,6 +6,7 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nonsac.estimators.contract import Estimator
 from nonsac.kernels.kabsch import fit_similarity
@@ -95,7 +96,7 @@ def absolute_scores(problem: Problem, models: Array, rows: Rows, threshold: floa
     return near.sum(axis=1) if weights is None else near @ weights
 
 
-def fitted_motions(pairs: Array, sets: list[Array], weights: list[Array] | None = None) -> Array:
+def fitted_motions(pairs: Array, sets: list[NDArray[np.int64]], weights: list[Array] | None = None) -> Array:
     """The least-squares motion of each set of row numbers that determines one (K, 3, 4)."""
     models, count = np.empty((len(sets), 3, 4)), 0
     for k, members in enumerate(sets):

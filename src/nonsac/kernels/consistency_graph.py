@@ -126,3 +126,68 @@ def local_maxima(points, order, radius, is_maximum):
             if distance < squared:
                 is_maximum[i] = False
                 break
+
+
+@kernel
+def strongest_edges(counts, edges):
+    """The edges with the highest counts; of equal ones the first. Returns how many of `edges` (E, 2) were filled.
+
+    An edge without a common neighbour is none.
+    """
+    n = counts.shape[0]
+    how_many = np.zeros(65536, np.int64)
+    for i in range(n):
+        for j in range(i + 1, n):
+            how_many[counts[i, j]] += 1
+    least, above = 65536, 0
+    while least > 1 and above + how_many[least - 1] <= edges.shape[0]:
+        least -= 1
+        above += how_many[least]
+    count, spare = 0, edges.shape[0] - above  # room for edges with one less
+    for i in range(n):
+        for j in range(i + 1, n):
+            strength = np.int64(counts[i, j])
+            if strength == 0 or strength < least - 1:
+                continue
+            if strength < least:
+                if spare == 0:
+                    continue
+                spare -= 1
+            edges[count, 0], edges[count, 1] = i, j
+            count += 1
+    return count
+
+
+@kernel
+def best_triangles(words, counts, edges, each, triangles):
+    """For each edge the rows after both of its own that make triangles with the most counts, at most `each`.
+
+    `triangles` (E each, 3) receives them, the best of an edge first; returns how many there are.
+    """
+    filled = 0
+    for e in range(edges.shape[0]):
+        i, j = edges[e, 0], edges[e, 1]
+        count = 0
+        for w in range(j >> 6, words.shape[1]):
+            word = words[i, w] & words[j, w]
+            while word != np.uint64(0):
+                k = 64 * w + lowest_one(word)
+                word &= word - np.uint64(1)
+                if k <= j:
+                    continue
+                score = np.int64(counts[i, k]) + np.int64(counts[j, k])
+                place = filled + count
+                while place > filled:
+                    other = triangles[place - 1, 2]
+                    if np.int64(counts[i, other]) + np.int64(counts[j, other]) >= score:
+                        break
+                    if place < filled + each:
+                        triangles[place, 2] = other
+                    place -= 1
+                if place < filled + each:
+                    triangles[place, 2] = k
+                    count = min(count + 1, each)
+        for t in range(filled, filled + count):
+            triangles[t, 0], triangles[t, 1] = i, j
+        filled += count
+    return filled
