@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from nonsac.estimators.contract import Estimator
 from nonsac.kernels.kabsch import fit_similarity
 from nonsac.layouts import Array, Rows
-from nonsac.problems.contract import Problem
-from nonsac.problems.fits import biweight_costs, inlier_fit, reweighted_fit
+from nonsac.problems.contract import Problem, refitted
+from nonsac.problems.fits import biweight_costs, reweighted_fit
 from nonsac.problems.noise import Noise
 from nonsac.problems.registration import Registration, centre
 from nonsac.result import Hypothesis
@@ -26,7 +26,8 @@ class PairCore(Estimator):
     """A core that finds candidates for the motion of matched 3D points; derive a class to add one.
 
     Of more than 10,000 rows, so many are searched, and the model is fitted to all. The candidate with the most inliers
-    is refitted to them, then with Tukey's biweight. Weights count there, not in the search.
+    is refitted to them, then with Tukey's biweight; if they determine no motion, there is none. Weights count there,
+    not in the search.
     """
 
     finds_scale: ClassVar[bool] = False
@@ -55,9 +56,13 @@ class PairCore(Estimator):
         if len(rows) >= problem.minimal_size:
             models, tested = self._in_its_units(registration, rows.some(MOST_ROWS), threshold, rng)
             models = models[np.isfinite(models).all(axis=(1, 2))]
-        if not len(models):
+        model = problem.no_model
+        if len(models):
+            best = self._best(problem, models, rows, threshold)
+            inliers = problem.residuals(best[None], rows.values)[0] < threshold
+            model = refitted(problem, best, rows.values, rows.times(inliers.astype(np.float64)))
+        if not np.isfinite(model).all():
             return Hypothesis(problem.no_model, np.full(len(rows), np.inf), threshold, tested=tested)
-        model = inlier_fit(problem, self._best(problem, models, rows, threshold), rows, threshold)
         model = reweighted_fit(problem, model, rows, threshold, 10)
         return Hypothesis(model, problem.residuals(model[None], rows.values)[0], threshold, tested=tested)
 
