@@ -60,6 +60,7 @@ ESTIMATORS: dict[str, Named] = {
     "teaser": Named("teaser:default", "TEASER++, the largest clique, then GNC and votes (Yang et al. 2021)", _PAIRS),
     "mac": Named("mac:default", "MAC, the heaviest maximal cliques (Zhang et al. 2023)", _PAIRS),
     "turboreg": Named("turboreg:default", "TurboReg, the best triangles on the best edges (Yan et al. 2025)", _PAIRS),
+    "gore": Named("gore:default", "GORE, outliers removed with a guarantee, then RANSAC (Parra, Chin 2018)", _PAIRS),
     "tr-de": Named("tr_de:default", "TR-DE, branch and bound over axis, then angle (Chen et al. 2022)", _PAIRS),
     "tear": Named("tear:default", "TEAR, branch and bound on absolute residuals (Huang et al. 2024)", _PAIRS),
 }

@@ -76,6 +76,8 @@ SIGNATURES = {
     "consistency_graph.best_triangles": "u8[:,::1], u2[:,::1], i8[:,::1], i8, i8[:,::1]",
     "direction_search.best_direction": "f8[:,::1], f8[::1], f8, b1, i8, f8, i8, f8[::1]",
     "direction_search.best_angle": "f8[:,::1], f8[:,::1], f8, b1, f8, i8, f8[::1]",
+    "guaranteed_removal.bound_edges": "f8[:,::1], u8[:,::1], i8[::1], f8, i8, u2[:,::1], f8[:,::1]",
+    "guaranteed_removal.rows_left": "u8[:,::1], u2[:,::1], i8, b1[::1]",
     "consistency_graph.order_rows": "u8[:,::1], i8[::1], u8[:,::1]",
     "max_clique.peel": "u8[:,::1], i8[::1], i8[::1]",
     "max_clique.largest_clique": "u8[:,::1], i8[::1], i8, i8, i8[::1]",
