@@ -10,6 +10,8 @@ from nonsac.clouds.problem import OrientedRegistration
 from nonsac.clouds.search import OrientedPairs
 from nonsac.clouds.surfaces import Surface
 from nonsac.estimators import Estimator, External, Pcr99, Ransac
+from nonsac.estimators.named import ESTIMATORS
+from nonsac.estimators.pair_core import PairCore
 from nonsac.layouts import Rows
 from nonsac.problems import AbsolutePose, Noise, Registration, RelativePose
 from nonsac.result import Hypothesis
@@ -87,6 +89,15 @@ RANSAC_EXAMPLES = {
     )
 }
 
+# Those for matched 3D points, by the names under which users ask for them.
+PAIR_EXAMPLES = {
+    name: lambda rng, core=core: (core, Registration(), matched_rows(rng), THRESHOLD)
+    for name, core in (
+        (name, named.made_for(Registration())) for name, named in ESTIMATORS.items() if named.needs is None
+    )
+    if isinstance(core, PairCore)
+}
+
 # Name -> an estimator, its problem, a maker of rows with many outliers, and the threshold.
 EXAMPLES = {
     "Pcr99 published": lambda rng: (Pcr99(max_drawn=20_000), Registration(), matched_rows(rng), THRESHOLD),
@@ -102,6 +113,7 @@ EXAMPLES = {
     "OrientedPairs": oriented_example,
     "External": lambda rng: (External(somebody_elses), Registration(), matched_rows(rng, outliers=0.6), THRESHOLD),
     **RANSAC_EXAMPLES,
+    **PAIR_EXAMPLES,
 }
 GENERIC = set(RANSAC_EXAMPLES)  # names of estimators that take any problem
 UNKNOWN = {"External"}  # names of estimators that do not say what they can solve, nor how many models they compared

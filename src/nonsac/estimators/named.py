@@ -66,6 +66,13 @@ ESTIMATORS: dict[str, Named] = {
     "gnc-gm": Named("graduated:gnc_gm", "Graduated non-convexity, Geman-McClure loss (Yang et al. 2020)"),
     "irls": Named("graduated:irls", "Reweighted least squares, a truncation that shrinks (after Peng et al. 2023)"),
     "hough": Named("hough:hough", "Randomised Hough transform for rotations (Xu et al. 1990)", _PAIRS),
+    "sc2-pcr": Named("sc2_pcr:default", "SC2-PCR, second-order consistency around seeds (Chen et al. 2022)", _PAIRS),
+    "teaser": Named("teaser:default", "TEASER++, the largest clique, then GNC and votes (Yang et al. 2021)", _PAIRS),
+    "mac": Named("mac:default", "MAC, the heaviest maximal cliques (Zhang et al. 2023)", _PAIRS),
+    "turboreg": Named("turboreg:default", "TurboReg, the best triangles on the best edges (Yan et al. 2025)", _PAIRS),
+    "gore": Named("gore:default", "GORE, outliers removed with a guarantee, then RANSAC (Parra, Chin 2018)", _PAIRS),
+    "tr-de": Named("tr_de:default", "TR-DE, branch and bound over axis, then angle (Chen et al. 2022)", _PAIRS),
+    "tear": Named("tear:default", "TEAR, branch and bound on absolute residuals (Huang et al. 2024)", _PAIRS),
 }
 
 

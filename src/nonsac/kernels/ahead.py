@@ -69,6 +69,21 @@ SIGNATURES = {
     "minimal_samples.distinct_rows": "f8[:,::1], i8, i8[:,::1]",
     "minimal_samples.gather_rows": "f8[:,::1], i8[:,::1], f8[:,:,::1]",
     "losses.mirror": "f8[:,::1]",
+    "consistency_graph.fill_consistency_graph": "f4[:,::1], f4, u8[:,::1]",
+    "consistency_graph.count_common_neighbours": "u8[:,::1], u2[:,::1]",
+    "consistency_graph.multiply_counts": "u2[:,::1], f4[::1], f4[::1]",
+    "maximal_cliques.heaviest_cliques": "u8[:,::1], u2[:,::1], i8, i8, i8[::1], i8[::1], i8[::1], i8[::1]",
+    "consistency_graph.strongest_edges": "u2[:,::1], i8[:,::1]",
+    "consistency_graph.best_triangles": "u8[:,::1], u2[:,::1], i8[:,::1], i8, i8[:,::1]",
+    "direction_search.best_direction": "f8[:,::1], f8[::1], f8, b1, i8, f8, i8, f8[::1]",
+    "direction_search.best_angle": "f8[:,::1], f8[:,::1], f8, b1, f8, i8, f8[::1]",
+    "guaranteed_removal.bound_edges": "f8[:,::1], u8[:,::1], i8[::1], f8, i8, u2[:,::1], f8[:,::1]",
+    "guaranteed_removal.rows_left": "u8[:,::1], u2[:,::1], i8, b1[::1]",
+    "consistency_graph.order_rows": "u8[:,::1], i8[::1], u8[:,::1]",
+    "max_clique.peel": "u8[:,::1], i8[::1], i8[::1]",
+    "max_clique.largest_clique": "u8[:,::1], i8[::1], i8, i8, i8[::1]",
+    "consistency_graph.count_edges": "u8[:,::1], i8[::1]",
+    "consistency_graph.local_maxima": "f8[:,::1], i8[::1], f8, b1[::1]",
 }
 
 _MINIMAL = ("minimal_samples.distinct_rows", "minimal_samples.gather_rows")
