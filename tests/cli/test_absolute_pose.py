@@ -228,7 +228,7 @@ def test_points_that_are_not_finite(folder, points, run):
         (["--noise", "-1"], "'--noise': '-1' is not a positive number"),
         (["--sample-size", "2"], "'--sample-size': '2' is neither a number of at least 3 nor 'auto'"),
         (["--estimator", "lmeds"], "'--estimator': 'lmeds' is not one of ransac, pcr99"),
-        (["--estimator", "pcr99"], "'--estimator': 'pcr99' is not for absolute-pose (Pcr99 estimates 3D registrations"),
+        (["--estimator", "pcr99"], "'--estimator': 'pcr99' is not for absolute-pose (pcr99 is for Registration, got"),
         (["--rule", "best"], "'--rule': rule must be one of most_inliers, closest_pair,"),
         (["--output", "T.png"], "'--output': T.png: T is written as text"),
         (["--save-inliers", "mask"], "'--save-inliers': mask: the inliers are written as"),
