@@ -51,8 +51,15 @@ class Named:
         return cast(Estimator, getattr(import_module(f"nonsac.estimators.{module}"), function)(problem))
 
 
-_PAIRS = ("Registration",)
+_PAIRS, _TWO_VIEWS, _ONE_VIEW = ("Registration",), ("RelativePose",), ("AbsolutePose",)
+_POSES = _TWO_VIEWS + _ONE_VIEW
 _KINDS = {"Registration": "3D registrations", "RelativePose": "relative poses", "AbsolutePose": "absolute poses"}
+
+
+def _other(where: str, about: str, problems: tuple[str, ...], needs: str, extra: str) -> Named:
+    """A search of another library."""
+    return Named(f"others.{where}", about, problems, needs, extra)
+
 
 ESTIMATORS: dict[str, Named] = {
     "ransac": Named("ransac:default", "RANSAC with local optimisation and early stopping (Fischler 1981, Chum 2003)"),
@@ -73,6 +80,24 @@ ESTIMATORS: dict[str, Named] = {
     "gore": Named("gore:default", "GORE, outliers removed with a guarantee, then RANSAC (Parra, Chin 2018)", _PAIRS),
     "tr-de": Named("tr_de:default", "TR-DE, branch and bound over axis, then angle (Chen et al. 2022)", _PAIRS),
     "tear": Named("tear:default", "TEAR, branch and bound on absolute residuals (Huang et al. 2024)", _PAIRS),
+    "poselib": _other("poselib:default", "PoseLib's LO-RANSAC (Larsson 2020)", _POSES, "poselib", "poselib"),
+    "pycolmap": _other("pycolmap:default", "COLMAP's LO-RANSAC (Schönberger 2016)", _POSES, "pycolmap", "pycolmap"),
+    "opencv": _other("opencv:default", "OpenCV's USAC (Raguram 2013)", _POSES, "cv2", "opencv"),
+    "opencv-accurate": _other(
+        "opencv:accurate", "OpenCV's USAC with graph cuts (Barath and Matas 2018)", _POSES, "cv2", "opencv"
+    ),
+    "opencv-magsac": _other("opencv:magsac", "OpenCV's MAGSAC++ (Barath et al. 2020)", _TWO_VIEWS, "cv2", "opencv"),
+    "opencv-p3p": _other("opencv:p3p", "OpenCV's solvePnPRansac with P3P", _ONE_VIEW, "cv2", "opencv"),
+    "opencv-sqpnp": _other(
+        "opencv:sqpnp", "OpenCV's USAC, its inliers fitted by SQPnP (Terzakis 2020)", _ONE_VIEW, "cv2", "opencv"
+    ),
+    "kiss-matcher": _other(
+        "kiss_matcher:default", "KISS-Matcher's solver (Lim et al. 2025)", _PAIRS, "kiss_matcher", "kiss-matcher"
+    ),
+    "open3d-ransac": _other("open3d:ransac", "Open3D's RANSAC (Zhou et al. 2018)", _PAIRS, "open3d", "open3d"),
+    "open3d-fgr": _other(
+        "open3d:fast_global", "Open3D's fast global registration (Zhou et al. 2016)", _PAIRS, "open3d", "open3d"
+    ),
 }
 
 
