@@ -42,7 +42,7 @@ _BY_OTHERS = {
     "Verification": "an answer",
     "WorkerDied": "an error",
     "ZarrSource": "by open_source, as a format",
-    "compare": "starts processes for seconds; its data by open_matches and the calls, its file of the truth by read_truth",
+    "compare": "starts processes; its files by open_matches and read_truth",
 }
 _KINDS_OF_FILES = {
     "Parquet file": "parquet",

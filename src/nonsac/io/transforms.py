@@ -85,12 +85,12 @@ def read_truth(path: FilePath) -> NDArray[np.float64]:
         return read_transform(path)
     check_regular(path)
     try:
-        held = json.loads(Path(path).read_text(encoding="utf-8"))["T"]
-        return _check(path, real_array("T", held))
-    except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, RecursionError):
+        matrix = real_array("T", json.loads(Path(path).read_text(encoding="utf-8"))["T"])
+    except (ValueError, KeyError, TypeError, RecursionError):  # no text, no JSON, or no numbers
         raise input_error(
             path, "the file holds no JSON with the matrix T", "write what nonsac simulate prints"
         ) from None
+    return _check(path, matrix)
 
 
 def _transform_in(path: FilePath) -> NDArray[np.float64]:
