@@ -34,7 +34,7 @@ from nonsac.values.numeric import LEAST, as_real, shown
 from nonsac.values.quiet import quiet
 from nonsac.values.version import VERSION
 
-USES = (ALONE, CORE)
+USES, RULES = (ALONE, CORE), "rules"
 _ALONE_SIZE = 2000
 _FAR = 20.0  # degrees: what is farther is wrong, no matter how far
 _MOST_REPEATS, _MOST_WORKERS = 1000, 256
@@ -166,16 +166,21 @@ class _Plan:
     limits: _Limits
     seed: int
 
-    def cells(self, noises: Sequence[float | None], most: float) -> list[_Cell]:
-        """What each method is run at; `most` is the only noise if none is known, for estimators that need one."""
+    def cells(self, noises: Sequence[float | None], rows: int, some_noise: float) -> list[_Cell]:
+        """What each method is run at, on at most so many rows; `some_noise` is for what needs one that is not known."""
         if self.counts:
-            return [_Cell("rules", size, noise or most) for size in self.sizes or (_ALONE_SIZE,) for noise in noises]
+            return [_Cell(RULES, size, noise or some_noise) for size in self._sizes(RULES, rows) for noise in noises]
         cells = []
         for use in self.uses:
-            default = (_ALONE_SIZE,) if use == ALONE else (None,)
-            for size in self.sizes or default:
-                cells += [_Cell(use, size, noise or (most if use == ALONE else None)) for noise in noises]
+            needed = some_noise if use == ALONE else None
+            cells += [_Cell(use, size, noise or needed) for size in self._sizes(use, rows) for noise in noises]
         return cells
+
+    def _sizes(self, use: str, rows: int) -> Sequence[int | None]:
+        """Rows in a sample, each number once; None is what the method chooses."""
+        if self.sizes is None and use == CORE:
+            return (None,)
+        return sorted({min(size, rows) for size in self.sizes or (_ALONE_SIZE,)})
 
 
 @dataclass(frozen=True)
@@ -274,7 +279,7 @@ def _compared(
     measured, remarks = _measured_noise(data, plan)
     noises: list[float | None] = list(plan.noises) or [measured]
     judged_at = measured or float(np.median(plan.noises or [0.0])) or None
-    cells = plan.cells(noises, _some_noise(data))
+    cells = plan.cells(noises, len(data.seen), _some_noise(data))
     runs = _all_runs(data, plan, methods, cells, truth, progress)
     judge = _Judge(data, judged_at, truth)
     rows = judge.rows(runs, plan)

@@ -162,7 +162,13 @@ class Comparison:
         if top is not best and top.cpu_seconds is not None:
             most = f"{top.accuracy:.2f}" if self.truth else _percent(top.merit)
             told += f"; the best is {top.name} ({most}, {_seconds(top.cpu_seconds)})"
-        return told + self._dissent(best)
+        return told + self._distrust(best) + self._dissent(best)
+
+    def _distrust(self, best: Compared) -> str:
+        """What is said if our verdict does not trust what is right."""
+        if best.trusted is None or best.trusted >= 1.0:
+            return ""
+        return f"; our verdict trusts {round(best.trusted * best.repeats)} of its {best.repeats} runs"
 
     def _dissent(self, best: Compared) -> str:
         """What is said of methods that are trusted, too, and give another answer."""
@@ -345,7 +351,7 @@ def _cell(column: str, row: Compared) -> str:
         case "time":
             return _seconds(row.seconds)
         case "memory":
-            return "" if row.peak_memory is None else f"{row.peak_memory / 1e6:.0f} MB"
+            return "" if row.peak_memory is None else _megabytes(row.peak_memory)
     return _outcome(row)
 
 
@@ -355,6 +361,10 @@ def _outcome(row: Compared) -> str:
         status = "" if row.status in (None, "ok") else str(row.status).replace("_", " ")
         return status + (f" ({lost} of {row.repeats} runs lost: {row.detail[:_SHORT]})" if lost else "")
     return f"{row.outcome}: {row.detail[:_SHORT]}" if row.detail else row.outcome
+
+
+def _megabytes(memory: int) -> str:
+    return "< 1 MB" if memory < 10**6 else f"{memory / 1e6:,.0f} MB"
 
 
 def _percent(share: float | None) -> str:

@@ -31,6 +31,7 @@ from nonsac.method.settings import read_number, read_positive
 
 if TYPE_CHECKING:
     from nonsac.calls.comparison import Comparison
+    from nonsac.layouts import Layout
 
 Value = TypeVar("Value")
 
@@ -274,11 +275,9 @@ def _fitting_call(files: tuple[str | Path, ...], settings: dict[str, Any]) -> st
 
     fitting, errors = [], []
     for name in ProblemName.__members__:
-        call = CALLS[name]
-        assert call.layout is not None
-        images = [settings.get(image) for image in call.images]
+        images = [settings.get(image) for image in CALLS[name].images]
         try:
-            open_matches(call.layout, files, images, settings.get("columns"), settings.get("dataset"))
+            open_matches(_layout(name), files, images, settings.get("columns"), settings.get("dataset"))
             fitting.append(name)
         except (ValueError, OSError) as error:
             errors.append(error)
@@ -288,22 +287,35 @@ def _fitting_call(files: tuple[str | Path, ...], settings: dict[str, Any]) -> st
             if len(set(map(str, errors))) == 1
             else bad("--problem", f"{files[0]} fits no command by its columns; name one to learn why")
         )
-    if len(fitting) > 1 and _has_names(files[0]):  # x1, y1, x2 and y2 are among those of pairs
-        return max(fitting, key=lambda name: len(CALLS[name].layout.names))  # type: ignore[union-attr]
+    if len(fitting) > 1:
+        fitting = _best_named(fitting, files[0]) or fitting
     if len(fitting) > 1:
         commands = " and ".join(CALLS[name].command for name in fitting)
         raise bad("--problem", f"{files[0]} fits {commands} by the number of its columns; name one")
     return fitting[0]
 
 
-def _has_names(file: str | Path) -> bool:
-    """Whether the columns of a table have names."""
+def _best_named(calls: list[str], file: str | Path) -> list[str]:
+    """Of calls whose columns a file has, that which has most of them by name: x1, y1, x2 and y2 are in pairs, too."""
+    from nonsac.files.arrays import open_npz
     from nonsac.sources.open import open_source
 
     try:
-        return open_source(file).about.names is not None
+        if Path(file).suffix.lower() != ".npz":
+            named = calls if open_source(file).about.names is not None else []
+        else:
+            with open_npz(file) as archive:
+                held = set(archive.names)
+            named = [name for name in calls if any(held.issuperset(keys) for keys in _layout(name).keys)]
     except (ValueError, OSError):
-        return False
+        return []
+    return [max(named, key=lambda name: len(_layout(name).names))] if named else []
+
+
+def _layout(call: str) -> Layout:
+    layout = CALLS[call].layout
+    assert layout is not None
+    return layout
 
 
 def _check_methods(methods: str | None, call: str) -> None:
