@@ -166,15 +166,15 @@ class _Plan:
     limits: _Limits
     seed: int
 
-    def cells(self, noises: Sequence[float | None], rows: int, some_noise: float) -> list[_Cell]:
-        """What each method is run at, on at most so many rows; `some_noise` is for what needs one that is not known."""
-        if self.counts:
-            return [_Cell(RULES, size, noise or some_noise) for size in self._sizes(RULES, rows) for noise in noises]
-        cells = []
-        for use in self.uses:
-            needed = some_noise if use == ALONE else None
-            cells += [_Cell(use, size, noise or needed) for size in self._sizes(use, rows) for noise in noises]
-        return cells
+    def cells(self, some_noise: float, rows: int) -> list[_Cell]:
+        """What each method is run at, on at most so many rows; `some_noise` is for what needs one that nobody gave."""
+        noises: Sequence[float | None] = self.noises or (None,)
+        return [
+            _Cell(use, size, noise or (None if use == CORE else some_noise), noise is not None)
+            for use in ((RULES,) if self.counts else self.uses)
+            for size in self._sizes(use, rows)
+            for noise in noises
+        ]
 
     def _sizes(self, use: str, rows: int) -> Sequence[int | None]:
         """Rows in a sample, each number once; None is what the method chooses."""
@@ -185,23 +185,21 @@ class _Plan:
 
 @dataclass(frozen=True)
 class _Cell:
-    """One way to use a method."""
+    """One way to use a method; `known` says whether the noise was given, and not measured."""
 
     use: str
     size: int | None
     noise: float | None
+    known: bool
 
     def task(self, seed: int, plan: _Plan, truth: Array | None) -> Any:
         if self.use == CORE:
             return Core(self.size, self.noise, seed)
         assert self.size is not None
         assert self.noise is not None
-        return Alone(self.size, self.noise, seed) if self.use == ALONE else self.rules(seed, plan, truth)
-
-    def rules(self, seed: int, plan: _Plan, truth: Array | None) -> Rules:
-        assert self.size is not None
-        assert self.noise is not None
-        return Rules(self.size, self.noise, seed, plan.counts, truth)
+        if self.use == ALONE:
+            return Alone(self.size, self.noise, seed, self.known)
+        return Rules(self.size, self.noise, seed, plan.counts, self.known, truth)
 
 
 def _positive(name: str, value: Any, unit: str) -> float:
@@ -277,9 +275,8 @@ def _compared(
     data: ComparedData, plan: _Plan, methods: dict[str, Any], truth: Array | None, progress: Progress | None
 ) -> Comparison:
     measured, remarks = _measured_noise(data, plan)
-    noises: list[float | None] = list(plan.noises) or [measured]
     judged_at = measured or float(np.median(plan.noises or [0.0])) or None
-    cells = plan.cells(noises, len(data.seen), _some_noise(data))
+    cells = plan.cells(measured or _some_noise(data), len(data.seen))
     runs = _all_runs(data, plan, methods, cells, truth, progress)
     judge = _Judge(data, judged_at, truth)
     rows = judge.rows(runs, plan)
@@ -580,7 +577,7 @@ def _by_row(runs: _CellRuns, plan: _Plan, truth: Array | None) -> list[tuple[Com
     )
     if not plan.counts or not runs.found:
         return [(row, list(runs.found))]
-    names = cell.rules(plan.seed, plan, truth).names()
+    names = cell.task(plan.seed, plan, truth).names()
     return [
         (replace(row, use=name, samples=count), [found[count, name] for found in runs.found])
         for count in plan.counts

@@ -12,18 +12,20 @@ import numpy as np
 from nonsac import simulate
 from nonsac.estimators.contract import Estimator
 from nonsac.estimators.named import chosen_estimator, default_estimator
-from nonsac.layouts import Array, Rows
+from nonsac.layouts import Array
 from nonsac.method import pipeline
 from nonsac.method.scoring import FixedSample, Ideal, ScoringRule, paper_rules, select
-from nonsac.method.search import SampleTask
+from nonsac.method.search import SampleTask, Search
 from nonsac.method.settings import Settings
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
 from nonsac.result import Hypothesis, Result
+from nonsac.running.clock import Stopwatch
 from nonsac.running.metered import Used, metered
 from nonsac.sources import ArraySource
 from nonsac.sources.contract import Source
 from nonsac.values.numeric import LEAST
+from nonsac.values.quiet import quiet
 
 ALONE, CORE, REFINED = "alone", "core", "refined"
 _WARM_ROWS, _WARM_OUTLIERS, _WARM_NOISE = 400, 0.3, 0.001
@@ -123,33 +125,35 @@ def _few_rows(subject: Subject, noise: float | None) -> tuple[Source, float]:
 
 @dataclass(frozen=True)
 class Alone:
-    """The estimator alone, on one sample, as it is used without NONSAC; its answer is judged besides."""
+    """The estimator alone, on one sample, as it is used without NONSAC; its answer is judged besides.
+
+    `known` says whether somebody gave the noise, or it was measured.
+    """
 
     sample_size: int
     noise: float
     seed: int
+    known: bool = True
 
     def __call__(self, prepared: Prepared) -> Run:
         subject, size = prepared.subject, min(self.sample_size, len(prepared.subject.source))
-        noise = Noise.given(self.noise)
+        noise = Noise.given(self.noise, known=self.known)
         task = SampleTask(subject.source, subject.problem, prepared.estimator, noise, size, self.seed)
         with metered() as used:
             hypothesis = task(0)
         if not hypothesis.found:
             return Run(None, None, 0.0, used, hypothesis.fault, self.noise)
-        judge = replace(prepared, estimator=_Found(hypothesis))
-        result = judge.result(judge.settings(self.noise, self.seed, samples=1, sample_size=size, refine="none"))
-        return Run(hypothesis.model, str(result.status), result.confidence, used, noise=self.noise)
+        status, confidence = _judged(task, hypothesis, prepared.settings(None, self.seed, refine="none"))
+        return Run(hypothesis.model, status, confidence, used, noise=self.noise)
 
 
-@dataclass(frozen=True)
-class _Found(Estimator):
-    """Gives what was found before, to be judged."""
-
-    hypothesis: Hypothesis
-
-    def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
-        return self.hypothesis
+@quiet
+def _judged(task: SampleTask, hypothesis: Hypothesis, settings: Settings) -> tuple[str | None, float]:
+    """Our verdict on what was found in the first sample, as it is."""
+    search = Search(task, 1, 1, None, None, None).begun(task.noise, [hypothesis])
+    answer = pipeline.Answer(search, None, (), Stopwatch())
+    refinement = pipeline.Method(search, settings).judged_at(task.noise, answer).refinement
+    return (None, 0.0) if refinement is None else (str(refinement.status), refinement.confidence)
 
 
 @dataclass(frozen=True)
@@ -188,12 +192,14 @@ class Rules:
     noise: float
     seed: int
     counts: tuple[int, ...]
+    known: bool = True
     truth: Array | None = field(default=None, compare=False)
 
     def __call__(self, prepared: Prepared) -> dict[tuple[int, str], Run]:
         subject, runs = prepared.subject, {}
         size, noise = min(self.sample_size, len(subject.source)), Noise.given(self.noise)
         task = SampleTask(subject.source, subject.problem, prepared.estimator, noise, size, self.seed)
+        given = self.noise if self.known else None
         hypotheses: list[Hypothesis] = []
         spent = Used(memory=0)
         for count in sorted(self.counts):
@@ -208,7 +214,7 @@ class Rules:
                 _, estimator = FixedSample().plan(count, prepared.estimator)
                 winner = replace(task, estimator=estimator)(0)
             runs[count, FixedSample().name] = _run_of(winner, used, self.noise)
-            settings = prepared.settings(self.noise, self.seed, max_samples=count, sample_size=size)
+            settings = prepared.settings(given, self.seed, max_samples=count, sample_size=size)
             with metered() as used:
                 result = prepared.result(settings)
             runs[count, REFINED] = run_of(result, used)
