@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-RUN = ["extending.md"]
+RUN = ["compare.md", "extending.md"]
 
 
 @pytest.mark.parametrize("page", RUN)
