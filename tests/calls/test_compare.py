@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 import signal
+import tempfile
 import threading
 import time
 from dataclasses import replace
@@ -146,14 +147,16 @@ def test_what_is_not_installed_is_told_with_how_to_get_it(pairs, monkeypatch):
 
 
 @pytest.mark.slow
-def test_an_interrupt_ends_the_processes(pairs):
+def test_an_interrupt_ends_the_processes(pairs, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     timer = threading.Timer(6.0, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     start = time.perf_counter()
     with pytest.raises(KeyboardInterrupt):
-        ours(pairs, methods={"sleepy": misbehaving.sleepy}, uses=("alone",), time_limit=60.0)
+        ours(pairs, methods={"sleepy": misbehaving.sleepy, "b": misbehaving.sleepy}, uses=("alone",), time_limit=60.0)
     assert time.perf_counter() - start < 40.0
     assert not multiprocessing.active_children()
+    assert not list(tmp_path.iterdir())  # what they said
     timer.join()
 
 

@@ -7,6 +7,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -416,12 +417,13 @@ def _all_runs(
     nothing = [_CellRuns(name, cells[0], lost=Ended(detail=told), installed=False) for name, told in absent.items()]
     present = {name: method for name, method in methods.items() if name not in absent}
     board = _Board(len(cells) * plan.repeats * len(present), progress)
-    running = []
-    for name, method in present.items():
-        subject = Subject(data.seen, data.problem, method, data.call)
-        process = Confined(subject, plan.limits.memory)
-        running.append(_Method(name, process, plan, truth, board.tell))
-    with ThreadPoolExecutor(plan.limits.workers, thread_name_prefix="nonsac") as pool:
+    with ExitStack() as stack:
+        running = []
+        for name, method in present.items():
+            process = Confined(Subject(data.seen, data.problem, method, data.call), plan.limits.memory)
+            stack.callback(process.close)
+            running.append(_Method(name, process, plan, truth, board.tell))
+        pool = stack.enter_context(ThreadPoolExecutor(plan.limits.workers, thread_name_prefix="nonsac"))
         futures = [pool.submit(method, cells) for method in running]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
