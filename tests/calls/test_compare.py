@@ -8,6 +8,7 @@ import tempfile
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ import misbehaving
 import nonsac
 from line import Line
 from nonsac import simulate
+from nonsac.calls import compared_data
 from nonsac.calls.compare import compare
 from nonsac.calls.compared_data import split, truth_of
 from nonsac.calls.comparison import Compared, Comparison
@@ -268,6 +270,21 @@ def test_no_method_sees_the_rows_it_is_judged_on(rng, source):
 def test_few_rows_of_many_are_held_out():
     rows = nonsac.ArraySource(np.random.default_rng(0).random((200_000, 6)))
     assert len(split(rows, Registration(), 0).held_out) == 20_000
+
+
+def test_much_data_in_memory_is_shared_as_a_file(monkeypatch, rng):
+    rows = rng.random((500, 6))
+    source = nonsac.ArraySource(rows)
+    with compared_data.shareable(source) as shared:
+        assert shared is source
+    monkeypatch.setattr(compared_data, "_MUCH", 1000)
+    monkeypatch.setattr(compared_data, "_AT_ONCE", 64)
+    with compared_data.shareable(source) as shared:
+        assert not shared.about.in_memory
+        np.testing.assert_array_equal(shared.take(np.arange(500)), rows)
+        folder = Path(shared.path).parent
+        assert folder.exists()
+    assert not folder.exists()
 
 
 # --- the truth -------------------------------------------------------------------------------

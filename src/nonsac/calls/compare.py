@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from nonsac.calls.compared_data import ComparedData, opened, split, truth_of
+from nonsac.calls.compared_data import ComparedData, opened, shareable, split, truth_of
 from nonsac.calls.compared_runs import ALONE, CORE, Alone, Core, Rules, Run, Subject, WarmUp, reference
 from nonsac.calls.comparison import NOT_INSTALLED, OK, Compared, Comparison
 from nonsac.calls.run_arguments import Progress
@@ -141,8 +141,9 @@ def compare(
     name = call.replace("-", "_") if isinstance(call, str) else ""
     if name:
         compile_for(name, None)
-    compared = split(source, problem, plan.seed, name)
-    return _compared(compared, plan, chosen, true_model, progress)
+    with shareable(source) as shared:
+        compared = split(shared, problem, plan.seed, name)
+        return _compared(compared, plan, chosen, true_model, progress)
 
 
 # --- the arguments -------------------------------------------------------------------------

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,11 +24,12 @@ from nonsac.cameras.unreadable import chosen_cameras
 from nonsac.layouts import Array, Rows
 from nonsac.problems.contract import Problem, check_attributes, rows_of
 from nonsac.seeds import permutation
-from nonsac.sources import WithoutRows
+from nonsac.sources import NpySource, WithoutRows
 from nonsac.sources.contract import Source
 from nonsac.values.numeric import as_real, shown
 
 _MOST_JUDGED, _SHARE_JUDGED, _MOST_BLOCKS = 20_000, 5, 16
+_MUCH, _AT_ONCE = 64_000_000, 2**16  # bytes, and rows
 _STREAM = 7  # of the seed, so that rows are judged on that are not the first ones of the samples
 
 COMPARED = tuple(name for name, call in CALLS.items() if call.layout_name)
@@ -51,6 +55,24 @@ def split(source: Source, problem: Problem, seed: int, call: str = "") -> Compar
     table = source.take(chosen)
     usable = rows_of(problem, table[np.isfinite(table).all(axis=1)])
     return ComparedData(problem, WithoutRows(source, chosen), usable, call)
+
+
+@contextmanager
+def shareable(source: Source) -> Iterator[Source]:
+    """The source; one of much data in memory as a file, which each process reads a few rows of, instead of a copy each."""
+    size = 8 * source.width * len(source)
+    if not source.about.in_memory or size < _MUCH:
+        yield source
+        return
+    with TemporaryDirectory(prefix="nonsac-") as folder:
+        path = Path(folder) / "rows.npy"
+        written = np.lib.format.open_memmap(path, "w+", np.float64, (len(source), source.width))
+        start = 0
+        for rows in source.chunks(_AT_ONCE):
+            written[start : start + len(rows)] = rows
+            start += len(rows)
+        del written  # which flushes it
+        yield NpySource(path)
 
 
 def _chosen(source: Source, count: int, seed: int) -> NDArray[np.int64]:
