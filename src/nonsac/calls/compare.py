@@ -27,6 +27,7 @@ from nonsac.problems import RelativePose
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.noise import Noise
 from nonsac.problems.pose import rotation_distance
+from nonsac.result import Status
 from nonsac.running.confined import Confined, Ended, Reason, failure
 from nonsac.running.memory import bytes_of
 from nonsac.seeds import canonical_seed
@@ -316,6 +317,8 @@ def _measured_noise(data: ComparedData, plan: _Plan) -> tuple[float | None, tupl
     noise = float(ended.value.noise)
     if not 0.0 < noise < np.inf:
         return None, ("the noise could not be measured, as nothing was found",)
+    if ended.value.status != Status.OK:
+        return noise, ("the noise is that of an answer that is not trusted; give it, if you know it",)
     return noise, ()
 
 
@@ -485,7 +488,7 @@ class _Judge:
             return row
         models = [run.model for run in found]
         fits = [self._held_out(model) for model in models]
-        trusted = np.array([run.status == "ok" for run in found])
+        trusted = np.array([run.status == Status.OK for run in found])
         statuses = Counter(run.status or "no answer" for run in found)
         judged = row.use in USES or any(run.status for run in found)
         merit = float(np.sum(np.where(trusted | (not judged), np.nan_to_num(fits), 0.0)) / row.repeats)

@@ -59,7 +59,7 @@ def split(source: Source, problem: Problem, seed: int, call: str = "") -> Compar
 
 @contextmanager
 def shareable(source: Source) -> Iterator[Source]:
-    """The source; one of much data in memory as a file, which each process reads a few rows of, instead of a copy each."""
+    """The source; one of much data in memory as a file, of which each process reads what it needs and holds no copy."""
     size = 8 * source.width * len(source)
     if not source.about.in_memory or size < _MUCH:
         yield source

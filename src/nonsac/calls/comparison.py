@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 OK, NOT_INSTALLED = "ok", "not installed"
 NEARLY_AS_GOOD = 0.9
 _OFTEN_ENOUGH, _APART = 0.5, 5.0  # of the runs; degrees
-_NOBODY, _WIDTH, _SHORT = "take none: ", 160, 48
+_NOBODY, _WIDTH, _SHORT, _LEAST_ANGLE = "take none: ", 160, 48, 0.001
 
 
 @dataclass(frozen=True)
@@ -335,13 +335,13 @@ def _cell(column: str, row: Compared) -> str:
         case "mAA":
             return "" if row.accuracy is None else f"{row.accuracy:.2f}"
         case "error":
-            return "" if row.rotation_error is None else f"{row.rotation_error:.2g} deg"
+            return _degrees(row.rotation_error)
         case "t error":
             return "" if row.translation_error is None else f"{row.translation_error:.2g}"
         case "held out":
             return _percent(row.held_out)
         case "agree":
-            return "" if row.agreement is None else f"{row.agreement:.2g} deg"
+            return _degrees(row.agreement)
         case "trusted":
             return "" if row.trusted is None else f"{round(row.trusted * row.repeats)} of {row.repeats}"
         case "conf.":
@@ -361,6 +361,12 @@ def _outcome(row: Compared) -> str:
         status = "" if row.status in (None, "ok") else str(row.status).replace("_", " ")
         return status + (f" ({lost} of {row.repeats} runs lost: {row.detail[:_SHORT]})" if lost else "")
     return f"{row.outcome}: {row.detail[:_SHORT]}" if row.detail else row.outcome
+
+
+def _degrees(angle: float | None) -> str:
+    if angle is None:
+        return ""
+    return f"{angle:.0f} deg" if angle >= 10.0 else f"{max(angle, _LEAST_ANGLE):.2g} deg"
 
 
 def _megabytes(memory: int) -> str:
