@@ -128,6 +128,27 @@ def test_misbehaviour_is_an_outcome(pairs):
     assert not multiprocessing.active_children()
 
 
+def test_runs_that_are_lost_count_as_wrong(pairs):
+    comparison = compare(
+        "register_pairs",
+        pairs.source,
+        pairs.target,
+        methods={"sometimes": misbehaving.sometimes},
+        uses=("alone",),
+        noise=NOISE,
+        repeats=12,
+        truth=pairs.T,
+    )
+    (row,) = comparison.rows
+    assert 0 < row.runs < row.repeats == 12
+    assert row.outcome == "ok"
+    assert row.accuracy <= row.runs / 12
+    assert row.held_out == pytest.approx(0.5 * row.runs / 12, abs=0.05)
+    assert row.detail == "RuntimeError: not today"
+    assert f"({12 - row.runs} of 12 runs lost: RuntimeError: not today)" in str(comparison)
+    assert f"our verdict trusts {round(12 * row.trusted)} of its 12 runs" in comparison.recommendation
+
+
 @pytest.mark.slow
 def test_a_method_that_was_too_slow_is_not_run_on_larger_samples(pairs):
     start = time.perf_counter()
