@@ -63,3 +63,12 @@ def sometimes(rows, threshold, seed):
     if seed % 2:
         raise RuntimeError("not today")
     return honest(rows, threshold, seed)
+
+
+def nearly(rows, threshold, seed):
+    """The right answer turned by some degrees: many rows fit it, but not as rows fit what is right."""
+    angle = np.radians(4.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    model = honest(rows, threshold, seed)
+    middle = rows[:, 3:].mean(axis=0)
+    return np.column_stack([turn @ model[:, :3], turn @ (model[:, 3] - middle) + middle])

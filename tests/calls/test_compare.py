@@ -83,6 +83,15 @@ def test_without_a_truth_the_held_out_rows_and_the_verdict_decide(pairs):
     assert wrong.merit == 0.0
 
 
+def test_what_the_verdict_does_not_trust_has_no_merit(pairs):
+    comparison = ours(pairs, methods={"ours": "ransac", "nearly": misbehaving.nearly}, uses=("alone",))
+    assert comparison.best.method == "ours"
+    row = by_name(comparison)["nearly"]
+    assert row.trusted == 0.0
+    assert row.held_out > 0.1
+    assert row.merit == 0.0
+
+
 def test_junk_ends_without_a_recommendation(rng):
     comparison = compare("register_pairs", rng.random((2000, 3)), rng.random((2000, 3)), repeats=2)
     assert comparison.best is None
@@ -145,7 +154,7 @@ def test_runs_that_are_lost_count_as_wrong(pairs):
     assert row.accuracy <= row.runs / 12
     assert row.held_out == pytest.approx(0.5 * row.runs / 12, abs=0.05)
     assert row.detail == "RuntimeError: not today"
-    assert f"({12 - row.runs} of 12 runs lost: RuntimeError: not today)" in str(comparison)
+    assert f"({12 - row.runs} of 12 runs lost: RuntimeError: not today)" in " ".join(str(comparison).split())
     assert f"our verdict trusts {round(12 * row.trusted)} of its 12 runs" in comparison.recommendation
 
 
