@@ -32,7 +32,10 @@ def sleepy(rows, threshold, seed):
 
 
 def slow_on_many(rows, threshold, seed):
+    """Says how many rows it is slow on, in a file that the environment names."""
     if len(rows) > 300:
+        with open(os.environ["SLOW_ON"], "a") as file:
+            file.write(f"{len(rows)}\n")
         time.sleep(60.0)
     return honest(rows, threshold, seed)
 

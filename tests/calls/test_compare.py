@@ -159,7 +159,8 @@ def test_runs_that_are_lost_count_as_wrong(pairs):
 
 
 @pytest.mark.slow
-def test_a_method_that_was_too_slow_is_not_run_on_larger_samples(pairs):
+def test_a_method_that_was_too_slow_is_not_run_on_larger_samples(pairs, tmp_path, monkeypatch):
+    monkeypatch.setenv("SLOW_ON", str(tmp_path / "rows.txt"))
     start = time.perf_counter()
     comparison = ours(
         pairs, methods={"slow": misbehaving.slow_on_many}, uses=("alone",), sizes=(50, 1000, 2000), time_limit=3.0
@@ -167,6 +168,7 @@ def test_a_method_that_was_too_slow_is_not_run_on_larger_samples(pairs):
     assert time.perf_counter() - start < 40.0
     outcomes = {row.sample_size: row.outcome for row in comparison.rows}
     assert outcomes == {50: "ok", 1000: "over the time limit", 2000: "over the time limit"}
+    assert (tmp_path / "rows.txt").read_text() == "1000\n"
 
 
 def test_what_is_not_installed_is_told_with_how_to_get_it(pairs, monkeypatch):
