@@ -61,7 +61,7 @@ def comparison(
     drawn = np.flatnonzero(np.isfinite(times) & np.isfinite(heights) & (times >= 0.0))
     times = np.clip(times, _SHORTEST, 1e9)
     figure = new_figure(9.0, 5.6)
-    axes = figure.add_axes((0.09, 0.12, 0.87, 0.78))
+    axes = figure.add_axes((0.09, 0.12, 0.87, 0.75))
     for name in dict.fromkeys(called[k] for k in drawn):
         same = [k for k in drawn if called[k] == name]
         axes.plot(times[same], heights[same], color="#cccccc", linewidth=1.0, zorder=1)
@@ -94,16 +94,17 @@ def _frame(axes: Any, times: Any, heights: Any, label: str, title: str) -> None:
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if many else (1.0, 2.0, 5.0), numticks=99))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{1e3 * tick:g} ms" if tick < 1.0 else f"{tick:g} s"))
-    highest = float(heights.max(initial=0.0))
-    axes.set_ylim(min(-0.08 * highest, float(heights.min(initial=0.0))), 1.15 * highest or 1.0)
+    highest, lowest = float(heights.max(initial=0.0)) or 1.0, float(heights.min(initial=0.0))
+    axes.set_ylim(min(-0.25 * highest, lowest), 1.25 * highest)  # names stand above and beneath
+    axes.set_yticks([tick for tick in axes.get_yticks() if lowest <= tick <= 1.01 * highest])
     axes.set_xlabel("CPU time", color=INK)
     axes.set_ylabel(label, color=INK, parse_math=False)
-    axes.set_title(title, color=INK, fontsize=11, loc="left", parse_math=False)
+    axes.figure.text(0.09, 0.95, title, color=INK, fontsize=11, parse_math=False)
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=INK)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(frameon=False, fontsize=9, loc="lower right")
+        axes.legend(frameon=False, fontsize=9, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6)
 
 
 def _write_names(axes: Any, points: Sequence[tuple[str, float, float, bool]]) -> None:
