@@ -28,7 +28,7 @@ def test_a_table_a_report_and_a_picture(run, folder):
     assert code == 0
     assert not said(err)
     assert "register-pairs: 1,000 rows, 200 of them held out, judged at a noise of 0.01" in out
-    assert "take ransac alone on samples of 2,000 rows: mAA 1.00, " in out
+    assert "take ransac alone on samples of 800 rows: mAA 1.00, " in out
     assert "wrote a.json" in out
     found = Comparison.load(folder / "a.json")
     assert [row.method for row in found.rows] == ["ransac"]
@@ -85,6 +85,7 @@ def test_all_methods_are_listed(run, monkeypatch):
         (("pairs.csv", "--uses", "both"), 'uses must hold "alone", "core" or both'),
         (("pairs.csv", "--max-memory", "much"), "max_memory must be a positive number of bytes"),
         (("pairs.csv", "--time-limit", "0"), "'0' is not a positive number"),
+        (("pairs.csv", "--time-limit", "5,6"), "'5,6' is not a positive number"),
         (("pairs.csv", "--camera1", "1,1,0,0"), "register-pairs has no such option"),
         (("pairs.csv", "--truth", "pairs.csv"), "lines of four numbers"),
         (("pairs.csv", "--json", "pairs.csv"), "already used for DATA"),

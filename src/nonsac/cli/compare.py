@@ -23,6 +23,7 @@ from nonsac.cli.options import (
     Seed,
     camera_of,
     columns_of,
+    positive,
 )
 from nonsac.cli.outputs import Outputs
 from nonsac.cli.planning import ProblemName
@@ -65,6 +66,11 @@ def _simulation(text: str | None) -> str | None:
     """Checked here, used as `_simulated`."""
     if text is not None and len(_listed(text, float)) != 3:
         raise typer.BadParameter(f"{text!r} is not three numbers: rows, share of outliers, noise (20000,0.9,0.01)")
+    return text
+
+
+def _seconds(text: str) -> str:
+    positive(text)
     return text
 
 
@@ -136,7 +142,7 @@ def compare(
         str,
         typer.Option(
             metavar="SECONDS",
-            callback=_list_of(read_positive),
+            callback=_seconds,
             help="For each run; a method that takes more is not run again on samples as large.",
         ),
     ] = "60",
