@@ -11,7 +11,7 @@ import pytest
 from nonsac.estimators.named import ESTIMATORS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-RUN = ["choosing.md", "cores.md", "extending.md", "matchers.md"]
+RUN = ["choosing.md", "compare.md", "cores.md", "extending.md", "matchers.md"]
 
 
 @pytest.mark.parametrize("page", RUN)

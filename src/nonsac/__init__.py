@@ -10,6 +10,8 @@ from nonsac.values.version import VERSION
 if TYPE_CHECKING:
     from nonsac import evaluation, io, plot, simulate, testing
     from nonsac.calls.clouds import register_clouds
+    from nonsac.calls.compare import compare
+    from nonsac.calls.comparison import Compared, Comparison
     from nonsac.calls.estimate import estimate
     from nonsac.calls.jobs import Job, WorkerDied, estimate_many
     from nonsac.calls.localization import Localization
@@ -63,6 +65,8 @@ __all__ = [
     "Alternative",
     "ArraySource",
     "Camera",
+    "Compared",
+    "Comparison",
     "ContractBroken",
     "Estimator",
     "External",
@@ -101,6 +105,7 @@ __all__ = [
     "WorkerDied",
     "ZarrSource",
     "absolute_pose",
+    "compare",
     "estimate",
     "estimate_many",
     "evaluation",
@@ -120,6 +125,8 @@ __all__ = [
 
 _HOMES = {
     "nonsac.calls.clouds": ("register_clouds",),
+    "nonsac.calls.compare": ("compare",),
+    "nonsac.calls.comparison": ("Compared", "Comparison"),
     "nonsac.calls.jobs": ("Job", "WorkerDied", "estimate_many"),
     "nonsac.calls.localization": ("Localization",),
     "nonsac.calls.localize": ("localize",),

@@ -860,6 +860,19 @@ CALLS: dict[str, Call] = {
         150,
     ),
     "plot.hypotheses": Call(_picture(plot.hypotheses), lambda: {"result": _drawn_result(), "title": "a title"}, 250),
+    "plot.comparison": Call(
+        _picture(plot.comparison),
+        lambda: {
+            "names": ["a", "b"],
+            "kinds": ["alone", "core"],
+            "seconds": np.array([0.1, 2.0]),
+            "values": np.array([0.5, 0.9]),
+            "best": 1,
+            "label": "mAA",
+            "title": "data",
+        },
+        150,
+    ),
     "plot.boxplot": Call(
         _picture(plot.boxplot),
         lambda: {"errors": {"median": np.ones(5)}, "times": {"median": np.ones(5)}, "paper": None, "label": "paper"},

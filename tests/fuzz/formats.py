@@ -201,6 +201,11 @@ def _transforms() -> list[Files]:
     )
 
 
+def _truths() -> list[Files]:
+    whole = b'{"rows": 9, "T": [[1, 0, 0, 0], [0, 1, 0, 2.5], [0, 0, 1, -7e3], [0, 0, 0, 1]], "seed": 0}'
+    return [{"a.json": whole}, {"a.json": whole.replace(b", ", b",\n ")}]
+
+
 def _camera_files() -> list[Files]:
     return _text(
         b"500 0 320\n0 500 240\n0 0 1\n", b"1000,0,800\n0,1000,600\n0,0,1\n", b"# K\n5e2 0 3\n0 5e2 2\n0 0 1\n"
@@ -751,6 +756,7 @@ FORMATS: dict[str, Format] = {
         TEXT,
     ),
     "transform": Format(_transforms, [lambda folder: nio.read_transform(folder / "a.txt")], TEXT, cost=0.5),
+    "truth-json": Format(_truths, [lambda folder: nio.read_truth(folder / "a.json")], TEXT, cost=0.5),
     "camera-file": Format(_camera_files, [_read_camera_file], TEXT, cost=0.5, documented=_usage),
     "camera-line": Format(_camera_lines, [_read_camera_line], TEXT, documented=lambda: (ValueError, TypeError)),
     "npy": Format(

@@ -15,6 +15,8 @@ from nonsac.sources.open import _OPENERS
 _BY_OTHERS = {
     "About": "describes a source",
     "Alternative": "an answer",
+    "Compared": "an answer",
+    "Comparison": "an answer",
     "ContractBroken": "an error",
     "Estimator": "abstract",
     "FailedEstimation": "an error",
@@ -40,6 +42,7 @@ _BY_OTHERS = {
     "Verification": "an answer",
     "WorkerDied": "an error",
     "ZarrSource": "by open_source, as a format",
+    "compare": "starts processes; its files by open_matches and read_truth",
 }
 _KINDS_OF_FILES = {
     "Parquet file": "parquet",
@@ -62,6 +65,7 @@ _READERS = {
     "read_pairs": "text-tables",
     "read_points": "npz",
     "read_transform": "transform",
+    "read_truth": "truth-json",
 }
 _NOT_FUZZED = {"picture_suffix", "render"}
 

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from nonsac.io import read_transform, write_transform
+from nonsac.io import read_transform, read_truth, write_transform
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=64)
 
@@ -56,3 +56,26 @@ def test_bad_matrices(tmp_path, refused):
     assert "shape (3, 3)" in refused(write_transform, tmp_path / "t.txt", np.eye(3))
     assert "not finite" in refused(write_transform, tmp_path / "t.txt", np.full((4, 4), np.inf))
     assert os.listdir(tmp_path) == []
+
+
+def test_a_truth_may_be_kept_with_the_data(tmp_path, make_file):
+    T = np.vstack([np.arange(12.0).reshape(3, 4), [0, 0, 0, 1]])
+    write_transform(tmp_path / "T.txt", T)
+    np.savez(tmp_path / "T.npz", T=T, other=np.eye(4))
+    np.savez(tmp_path / "parts.npz", R=T[:3, :3], t=T[:3, 3:], x1=np.zeros((9, 2)))
+    np.savez(tmp_path / "only.npz", T_tgt_src=T, src=np.zeros((9, 3)))
+    make_file("T.json", f'{{"rows": 9, "T": {T.tolist()}}}')
+    for name in ("T.txt", "T.npz", "parts.npz", "only.npz", "T.json"):
+        np.testing.assert_array_equal(read_truth(tmp_path / name), T)
+
+
+def test_files_without_a_truth_are_refused(tmp_path, make_file, refused):
+    np.savez(tmp_path / "two.npz", a=np.eye(4), b=np.eye(4))
+    np.savez(tmp_path / "odd.npz", R=np.eye(2), t=np.zeros(3))
+    assert "holds no transform" in refused(read_truth, tmp_path / "two.npz")
+    assert "R has the shape (2, 2)" in refused(read_truth, tmp_path / "odd.npz")
+    for text in ("", "[1]", '{"T": 1}', '{"R": []}', '{"T": [["a"]]}', "\xff"):
+        message = refused(read_truth, make_file("a.json", text))
+        assert "holds no JSON with the matrix T" in message or "four rows and columns" in message
+    refused(read_truth, tmp_path / "missing.json")
+    refused(read_truth, tmp_path / "missing.npz")

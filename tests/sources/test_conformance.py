@@ -19,6 +19,7 @@ from nonsac.sources import (
     RawSource,
     SomeBlocksSource,
     StreamSource,
+    WithoutRows,
     ZarrSource,
 )
 from nonsac.testing import check_source
@@ -97,6 +98,7 @@ EXAMPLES = {
     ParquetSource: lambda folder: (parquet(ROWS, folder), ROWS),
     SomeBlocksSource: lambda _: (SomeBlocksSource(ArraySource(ROWS), *BLOCKS), ROWS[[2, 3, 4, 11, 15, 16, 17, 18]]),
     StreamSource: lambda _: stream(ROWS),
+    WithoutRows: lambda _: (WithoutRows(ArraySource(ROWS), np.array([0, 5, 6])), np.delete(ROWS, [0, 5, 6], axis=0)),
 }
 # Class -> a source with these rows, in any order; those left out make their rows themselves.
 HOLDING = {
@@ -108,6 +110,9 @@ HOLDING = {
         ArraySource(np.concatenate([-rows, rows, -rows])), np.array([len(rows)]), np.array([2 * len(rows)])
     ),
     StreamSource: lambda rows, folder: StreamSource(np.array_split(rows, 7)),
+    WithoutRows: lambda rows, folder: WithoutRows(
+        ArraySource(np.concatenate([-rows, rows])), np.arange(len(rows), dtype=np.int64)
+    ),
     HeldSource: lambda rows, folder: HeldSource(ArraySource(rows)),
     Hdf5Source: lambda rows, folder: hdf5(folder, rows)[0],
     LasSource: lambda rows, folder: laz(folder, np.hstack([rows, rows, rows]))[0],

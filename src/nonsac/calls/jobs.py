@@ -68,7 +68,7 @@ class Job:
         for setting in settings:
             if setting not in known:
                 raise TypeError(f"{call} has no setting {setting!r} in a job; it has {', '.join(known)}")
-        if len(set(map(_is_path, data))) > 1:
+        if len(set(map(is_path, data))) > 1:
             raise TypeError(f"the data of a job are arrays or paths, not both; got {len(data)} of mixed kinds")
         if "rng" in settings and settings["rng"] is not None:  # a generator is drawn from now, in the order of the jobs
             settings["rng"] = canonical_seed(settings["rng"])
@@ -103,7 +103,7 @@ class Job:
         call, settings = CALLS[self.call], dict(self.settings)
         if time_limit is not None and "time_limit" in call.settings:
             settings.setdefault("time_limit", time_limit)
-        data = _read(call, self.data, settings) if any(map(_is_path, self.data)) else self.data
+        data = _read(call, self.data, settings) if any(map(is_path, self.data)) else self.data
         return call.function(*data, workers=1, **settings)
 
 
@@ -164,7 +164,7 @@ class _Run:
 
 def may_end(job: Job) -> bool:
     """Whether a job reads a file whose library may end the process."""
-    return any(may_end_process(path) for path in job.data if _is_path(path))
+    return any(may_end_process(path) for path in job.data if is_path(path))
 
 
 def _outcomes(run: _Run, jobs: Iterable[Job], workers: Workers) -> Iterator[tuple[Job, Outcome]]:
@@ -191,7 +191,8 @@ def _checked(job: Job) -> Job:
 # --- files ---------------------------------------------------------------------------------
 
 
-def _is_path(part: Any) -> bool:
+def is_path(part: Any) -> bool:
+    """Whether data are in a file of this name."""
     return isinstance(part, (str, os.PathLike))
 
 

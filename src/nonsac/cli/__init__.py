@@ -14,6 +14,7 @@ import typer
 
 # The rest of nonsac is imported where it is needed: `--help` and a mistyped option answer at once.
 from nonsac.cli.batch import batch
+from nonsac.cli.compare import compare
 from nonsac.cli.localize import localize
 from nonsac.cli.messages import to_stderr, to_stdout
 from nonsac.cli.planning import plan
@@ -46,6 +47,7 @@ commands = (
     verify,
     localize,
     plan,
+    compare,
     simulate,
     demo,
     warmup,

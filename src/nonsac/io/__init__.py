@@ -8,7 +8,7 @@ from nonsac.io.correspondences import Matches, PointMatches
 from nonsac.io.flow import from_flow
 from nonsac.io.hloc import read_hloc
 from nonsac.io.matches import Opened, open_matches, read_matches, read_pairs, read_points
-from nonsac.io.transforms import read_transform, write_transform
+from nonsac.io.transforms import read_transform, read_truth, write_transform
 from nonsac.io.warp import from_warp
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "read_pairs",
     "read_points",
     "read_transform",
+    "read_truth",
     "write_cloud",
     "write_transform",
     "write_two_view_geometry",

@@ -15,7 +15,15 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-__all__ = ["CannotStart", "WorkerDied", "WorkerProcesses", "can_spawn", "end_with_parent", "portable"]
+__all__ = [
+    "CannotStart",
+    "WorkerDied",
+    "WorkerProcesses",
+    "can_spawn",
+    "check_may_start",
+    "end_with_parent",
+    "portable",
+]
 
 _ATTEMPTS = 2
 _PATIENCE = 1.0  # seconds, between the end of a pipe and that of its process
@@ -29,6 +37,14 @@ class WorkerDied(RuntimeError):
 
 class CannotStart(RuntimeError):
     """Worker processes do not come up, so that there is no use in going on."""
+
+
+def check_may_start() -> None:
+    """Raise CannotStart if this process may start no others."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise CannotStart(_NEEDS_GUARD)
+    if multiprocessing.current_process().daemon:
+        raise CannotStart(_IS_DAEMON)
 
 
 def can_spawn(task: object) -> bool:
@@ -55,10 +71,7 @@ class WorkerProcesses(Executor):
     """
 
     def __init__(self, count: int) -> None:
-        if getattr(multiprocessing.current_process(), "_inheriting", False):
-            raise CannotStart(_NEEDS_GUARD)
-        if multiprocessing.current_process().daemon:
-            raise CannotStart(_IS_DAEMON)
+        check_may_start()
         self._max_workers = count
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="nonsac")
         self._own = threading.local()

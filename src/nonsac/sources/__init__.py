@@ -13,6 +13,7 @@ from nonsac.sources.parquet import ParquetSource
 from nonsac.sources.raw import RawSource
 from nonsac.sources.some_blocks import SomeBlocksSource
 from nonsac.sources.stream import StreamSource
+from nonsac.sources.without import WithoutRows
 from nonsac.sources.zarr import ZarrSource
 
 __all__ = [
@@ -30,5 +31,6 @@ __all__ = [
     "SomeBlocksSource",
     "Source",
     "StreamSource",
+    "WithoutRows",
     "ZarrSource",
 ]
