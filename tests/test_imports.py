@@ -84,6 +84,12 @@ for scale, estimator in ((1.0, None), (1, None), (2, nonsac.Pcr99()), (np.float3
                          (1, nonsac.Pcr99("distance", rank="sum", tolerance=1, max_drawn=5000)),
                          (1.0, nonsac.Pcr99("distance", order="random", tolerance=1, max_drawn=5000))):
     nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, scale=scale, estimator=estimator, samples=2)
+from nonsac.estimators.named import ESTIMATORS
+few = pairs.source[:400], np.asfortranarray(pairs.target[:400], np.float32)
+for name, named in ESTIMATORS.items():
+    if named.fits(nonsac.Registration()) and named.needs is None:
+        nonsac.register_pairs(*few, noise=0.01, estimator=name, samples=1)
+nonsac.register_pairs(*few, noise=0.01, scale=None, estimator="teaser", samples=1)
 frozen = pairs.source.astype(np.float32)
 frozen.flags.writeable = False
 nonsac.register_pairs(frozen, np.asfortranarray(pairs.target), noise=1, samples=2)
