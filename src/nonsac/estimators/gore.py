@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nonsac.estimators.consistency_graph import ConsistencyGraph
 from nonsac.estimators.pair_core import PairCore
 from nonsac.estimators.ransac import minimal_samples
+from nonsac.kernels.consistency_graph import count_common_neighbours
 from nonsac.kernels.guaranteed_removal import bound_edges, rows_left
 from nonsac.kernels.kabsch import fit_each
 from nonsac.layouts import Array
@@ -61,7 +62,9 @@ class Gore(PairCore):
 
 def guaranteed_removal(pairs: Array, graph: ConsistencyGraph, budget: int) -> tuple[NDArray[np.bool_], Array, int]:
     """Which rows may be inliers of the motion with the most, the best motion met (NaN if none), and how many were."""
-    pairs, bounds = np.ascontiguousarray(pairs), graph.common + np.uint16(2)
+    pairs, bounds = np.ascontiguousarray(pairs), np.empty((len(pairs), len(pairs)), np.uint16)
+    count_common_neighbours(graph.words, bounds)
+    bounds += np.uint16(2)
     model, is_left = np.full((3, 4), np.nan), np.empty(len(pairs), np.bool_)
     order = np.argsort(-graph.degrees, kind="stable")
     lower, met = bound_edges(pairs, graph.words, order, _ERROR, budget, bounds, model)

@@ -15,6 +15,7 @@ from nonsac.layouts import Array
 from nonsac.problems.contract import Problem
 
 _POWER_ITERATIONS = 10
+_BLOCK = 200  # seeds at a time
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Sc2Pcr(PairCore):
     most compatible within that set the second one (Sec. 3.4), which is fitted with the leading eigenvector of its
     own compatibilities as weights (Sec. 3.5). The motion with the most inliers wins.
 
-    For a known scale. Memory grows with the square of the rows searched (10,000 at most, 200 MB), time with its product
+    For a known scale. Memory grows with the square of the rows searched (10,000 at most, 260 MB), time with its product
     with the mean number of neighbours.
 
     Parameters
@@ -54,7 +55,8 @@ class Sc2Pcr(PairCore):
         seeds = self._seeds(pairs, graph)
         if not len(seeds):
             return np.empty((0, 3, 4)), graph.compared
-        members = self._first_sets(graph, seeds)
+        blocks = [seeds[start : start + _BLOCK] for start in range(0, len(seeds), _BLOCK)]
+        members = np.vstack([self._first_sets(graph, block) for block in blocks])
         members, used = self._second_sets(graph, members)
         weights = _spectral_weights(pairs[members], self.tolerance) * used
         return fitted_motions(pairs, list(members), list(weights)), graph.compared + len(seeds)
