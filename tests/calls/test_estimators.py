@@ -88,9 +88,9 @@ def test_a_function_that_fails_costs_its_samples_and_is_told_of():
 @pytest.mark.parametrize(
     ("estimator", "error", "message"),
     [
-        ("magsac", ValueError, "estimator must be one of ransac, .*, or an object, got 'magsac'"),
+        ("no-such", ValueError, "estimator must be one of ransac, .*, or an object, got 'no-such'"),
         (Ransac, TypeError, "derived from nonsac.Estimator, got the class Ransac"),
-        ("pcr99", TypeError, "pcr99 is for Registration, got RelativePose"),
+        ("pcr99", TypeError, "pcr99 is for 3D registrations, got RelativePose"),
         (External(by_ransac, needs="no_such_module"), ValueError, "needs the module no_such_module, which is not inst"),
     ],
 )
