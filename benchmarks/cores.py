@@ -3,8 +3,9 @@
     python benchmarks/cores.py [--trials 20] [--iterations 1000] [--json FILE]
 
 Writes the JSON and the tables of docs/cores.md. All search for the same number of iterations and do not stop early,
-but for OpenCV, which cannot be told not to, and GNC, IRLS and Hough, whose work is their own. Weights, for what needs them, are drawn from beta distributions: (4, 2) for
-right rows and (2, 4) for wrong ones. pygcransac and pymagsac are measured if they can be imported.
+but for OpenCV, which cannot be told not to, and for GNC, IRLS and Hough, whose work is their own. Weights, for what
+needs them, are drawn from beta distributions: (4, 2) for right rows and (2, 4) for wrong ones. pygcransac and pymagsac
+are measured if they can be imported.
 """
 
 from __future__ import annotations

@@ -74,6 +74,12 @@ def test_a_wrong_part_is_refused_by_name(part, wrong):
         Usac(**{part: wrong})
 
 
+@pytest.mark.parametrize("wrong", [1, "yes", None])
+def test_eager_is_a_truth_value(wrong):
+    with pytest.raises(TypeError, match="eager must be True or False, got"):
+        Usac(eager=wrong)
+
+
 @methods
 def test_a_budget_multiplies_the_iterations_and_keeps_the_rest(name):
     estimator = made(name, Registration())
@@ -244,6 +250,8 @@ def test_weights_of_fits_reach_as_far_as_the_noise_they_allow(rng):
 
 
 def test_wrong_settings_of_reweighting_are_refused_by_name():
+    with pytest.raises(TypeError, match="score must be a Marginalised"):
+        Reweighting(score=Truncated())
     for wrong in (0, 1.5, True, "3"):
         with pytest.raises(ValueError, match="steps must be a whole number of at least 1, got"):
             Reweighting(steps=wrong)

@@ -123,6 +123,8 @@ class Reweighting(LocalOptimiser):
     widest: float = 4.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.score, Marginalised):
+            raise TypeError(f"score must be a Marginalised, whose weights the fits have, got {shown(self.score)}")
         steps = as_whole(self.steps)
         if steps is None or steps < 1:
             raise ValueError(f"steps must be a whole number of at least 1, got {shown(self.steps)}")
@@ -179,6 +181,8 @@ class Usac(Estimator):
             raise ValueError(f"iterations must be a whole number of at least 1, got {shown(self.iterations)}")
         if self.confidence is not None and not 0.0 < as_real(self.confidence) < 1.0:
             raise ValueError(f"confidence must be None or between 0 and 1, got {shown(self.confidence)}")
+        if not isinstance(self.eager, bool):
+            raise TypeError(f"eager must be True or False, got {shown(self.eager)}")
         for name, kind in (("score", Score), ("optimiser", LocalOptimiser | None), ("sampler", Sampler)):
             if not isinstance(getattr(self, name), kind):
                 word = name if name == "score" else "local optimiser" if name == "optimiser" else name
