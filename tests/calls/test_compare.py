@@ -16,6 +16,7 @@ import misbehaving
 import nonsac
 from line import Line
 from nonsac import simulate
+from nonsac.calls import compare as module
 from nonsac.calls import compared_data
 from nonsac.calls.compare import compare
 from nonsac.calls.compared_data import split, truth_of
@@ -103,7 +104,8 @@ def test_junk_ends_without_a_recommendation(rng):
 
 
 @pytest.mark.slow
-def test_misbehaviour_is_an_outcome(pairs):
+def test_misbehaviour_is_an_outcome(pairs, monkeypatch):
+    monkeypatch.setattr(module, "_FIRST_CALL", 3.0)
     bad = {
         "greedy": misbehaving.greedy,
         "outside": misbehaving.greedy_outside,
@@ -414,6 +416,11 @@ def test_the_quickest_of_those_within_a_tenth_is_recommended():
     assert found.recommendation == (
         "take quick alone: 46.0 % of the held-out rows fit, 100 ms of CPU time; the best is best alone (50.0 %, 1 s)"
     )
+
+
+def test_a_best_that_is_hardly_better_is_not_told():
+    told = comparison(row("best", 0.500, 1.0), row("quick", 0.499, 0.1)).recommendation
+    assert told == "take quick alone: 49.9 % of the held-out rows fit, 100 ms of CPU time"
 
 
 def test_none_is_recommended_if_trust_is_rare():
