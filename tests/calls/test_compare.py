@@ -94,13 +94,12 @@ def test_what_the_verdict_does_not_trust_has_no_merit(pairs):
 
 
 def test_junk_ends_without_a_recommendation(rng):
-    comparison = compare("register_pairs", rng.random((2000, 3)), rng.random((2000, 3)), repeats=2)
+    junk, few = (rng.random((2000, 3)), rng.random((2000, 3))), {"methods": ["ransac", "pcr99"], "repeats": 2}
+    comparison = compare("register_pairs", *junk, **few)
     assert comparison.best is None
     assert comparison.recommendation == "take none: no method gave an answer to be trusted on these data"
     assert {row.trusted for row in comparison.rows} == {0.0}
     assert any("not trusted" in remark or "nothing was found" in remark for remark in comparison.remarks)
-    comparison = compare("register_pairs", rng.random((2000, 3)), rng.random((2000, 3)), repeats=2, truth=np.eye(4))
-    assert comparison.best is None or max(row.accuracy for row in comparison.rows) > 0.0
 
 
 @pytest.mark.slow
