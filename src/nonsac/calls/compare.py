@@ -41,6 +41,7 @@ _ALONE_SIZE = 2000
 _FAR = 20.0  # degrees: what is farther is wrong, no matter how far
 _MOST_REPEATS, _MOST_WORKERS = 1000, 256
 _MODELS, _LITTLE = 8, 0.01
+_FIRST_CALL = 60.0  # seconds: kernels may have to be compiled
 
 
 def compare(
@@ -93,7 +94,8 @@ def compare(
     samples : iterable of int
         For the rules, the paper's m.
     time_limit : float
-        Seconds for each run. A method that takes more is not run again on samples as large.
+        Seconds for each run, and for the first call at least 60. A method that takes more is not run again on samples
+        as large.
     max_memory : int or str
         Bytes, or words such as "500 MB", of address space that a run may take beside what its process holds before.
         Enforced on Linux.
@@ -300,7 +302,7 @@ def _compared(
 
 
 def _rank(row: Compared) -> tuple[bool, float, float]:
-    return row.outcome != OK, -row.merit, np.inf if row.cpu_seconds is None else row.cpu_seconds
+    return row.outcome != OK, -round(row.merit, 2), np.inf if row.cpu_seconds is None else row.cpu_seconds
 
 
 def _measured_noise(data: ComparedData, plan: _Plan) -> tuple[float | None, tuple[str, ...]]:
@@ -391,12 +393,13 @@ class _Method:
 
     def _warmed_up(self, cell: _Cell) -> Ended | None:
         """How the first call ended, if the method did not survive it."""
-        ended = self.process.start(self.plan.limits.seconds)
+        limit = max(self.plan.limits.seconds, _FIRST_CALL)
+        ended = self.process.start(limit)
         if ended is not None:
             return ended
         if (self.process.starts, cell.use) in self.warm:
             return None
-        ended = self.process.call(WarmUp(cell.use == ALONE, cell.noise), time_limit=self.plan.limits.seconds)
+        ended = self.process.call(WarmUp(cell.use == ALONE, cell.noise), time_limit=limit)
         self.warm.add((self.process.starts, cell.use))
         if ended.reason in (None, Reason.FAILED):  # the run itself will tell
             return None

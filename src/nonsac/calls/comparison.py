@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 OK, NOT_INSTALLED = "ok", "not installed"
-NEARLY_AS_GOOD = 0.9
+NEARLY_AS_GOOD, _AS_GOOD = 0.9, 1.01
 _OFTEN_ENOUGH, _APART = 0.5, 5.0  # of the runs; degrees
 _NOBODY, _WIDTH, _SHORT, _LEAST_ANGLE = "take none: ", 160, 48, 0.001
 
@@ -159,7 +159,7 @@ class Comparison:
         what = f"mAA {best.accuracy:.2f}" if self.truth else f"{_percent(best.held_out)} of the held-out rows fit"
         top = max((row for row in self.rows if row.use != "ideal"), key=lambda row: row.merit)
         told = f"take {best.name}: {what}, {_seconds(best.cpu_seconds)} of CPU time"
-        if top is not best and top.cpu_seconds is not None:
+        if top.merit > _AS_GOOD * best.merit and top.cpu_seconds is not None:
             most = f"{top.accuracy:.2f}" if self.truth else _percent(top.merit)
             told += f"; the best is {top.name} ({most}, {_seconds(top.cpu_seconds)})"
         return told + self._distrust(best) + self._dissent(best)
