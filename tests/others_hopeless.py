@@ -4,13 +4,14 @@ python tests/others_hopeless.py poselib
 """
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 
 from nonsac import AbsolutePose, Noise, Registration, RelativePose, Rows, simulate
 from nonsac.estimators.named import ESTIMATORS, chosen_estimator
 
-FUZZED = 150
+FUZZED, ITERATIONS = 150, 2000
 
 
 def problems():
@@ -31,6 +32,8 @@ def hopeless(rows):
     for different in (1, 2, 3, 5):
         yield np.repeat(rows[:different], 40, axis=0), 0.005
     yield np.vstack([rows, rows[:3] * 1e150]), 0.005
+    nearly_zero = np.where(np.arange(len(rows))[:, None] % 3, rows, 1e-44 * rows)
+    yield nearly_zero[:18], 1e-8
     for threshold in (1e-300, 1e-160, 1e-30, 1e-9, 1e9, 1e30, 1e160, 1e300):
         yield rows, threshold
     for seed in range(FUZZED):
@@ -56,7 +59,7 @@ def main(name):
     for kind, (problem, rows) in problems().items():
         if kind not in ESTIMATORS[name].problems:
             continue
-        estimator, tried = chosen_estimator(name, problem), 0
+        estimator, tried = replace(chosen_estimator(name, problem), iterations=ITERATIONS), 0
         for some, threshold in hopeless(rows):
             try:
                 found = estimator.estimate(

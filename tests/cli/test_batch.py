@@ -174,6 +174,19 @@ def test_estimators_and_rules_are_columns(run, folder):
     assert [line["status"] for line in results()] == [result.status for result in expected]
 
 
+def test_an_estimator_of_another_library_is_an_option_and_a_column(run, folder):
+    pytest.importorskip("kiss_matcher", reason="needs the extra kiss-matcher")
+    pairs = write_pairs("0.npy", 0)
+    expected = nonsac.register_pairs(pairs.source, pairs.target, noise=0.01, estimator="kiss-matcher").T.tolist()
+    settings = {"noise": "0.01", "estimator": "kiss-matcher"}
+    manifest = write_manifest([{"call": "register-pairs", "pairs": "0.npy"} | settings])
+    run("batch", manifest, "--output", "out.jsonl", "--workers", "1")
+    assert [line["T"] for line in results()] == [expected]
+    code, out, _ = run("register-pairs", "0.npy", "--noise", "0.01", "--estimator", "kiss-matcher", "--json")
+    assert code == 0
+    assert json.loads(out)["T"] == expected
+
+
 def test_warnings_of_a_pair_are_in_its_line(run, folder):
     rows = write_table("m.npy", two_views().rows, "")
     code, _, err = run(

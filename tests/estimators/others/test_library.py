@@ -57,7 +57,7 @@ def test_a_larger_budget_is_more_iterations(name, kind):
 def test_what_nobody_can_solve_does_not_end_the_process(name):
     usable(name)
     command = [sys.executable, "-W", "error", str(TESTS / "others_hopeless.py"), name]
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ, timeout=180)
     assert done.returncode == 0, done.stderr
     assert [line.split()[0] for line in done.stdout.splitlines() if line.split()[0] in PROBLEMS] == sorted(
         OTHERS[name].problems, key=[*PROBLEMS].index
