@@ -1,5 +1,7 @@
 """Open3D's estimators as cores."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,12 @@ def test_a_scale_is_known_or_estimated(name, problem):
     model = found(name, "Registration", rows, problem=problem).model
     assert solved(model, "Registration", truth)
     assert np.cbrt(np.linalg.det(model[:, :3])) == pytest.approx(2.5, rel=0.05)
+
+
+def test_threads_take_turns_with_the_generator():
+    samples = [planted("Registration", 0.7, seed)[0] for seed in range(4)]
+    alone = [found("open3d-fgr", "Registration", rows, seed=seed).model for seed, rows in enumerate(samples)]
+    with ThreadPoolExecutor(4) as pool:
+        there = pool.map(lambda i: found("open3d-fgr", "Registration", samples[i % 4], seed=i % 4).model, range(24))
+    for number, model in enumerate(there):
+        np.testing.assert_array_equal(model, alone[number % 4])

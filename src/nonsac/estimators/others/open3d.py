@@ -1,10 +1,12 @@
 """Open3D's RANSAC and fast global registration on given pairs (www.open3d.org, pipelines.registration).
 
-Its licence is MIT.
+There is one generator of random numbers for all threads, so searches take turns. Its RANSAC starts threads of its own,
+which race for these numbers: the same seed may give another model. Its licence is MIT.
 """
 
 from __future__ import annotations
 
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,8 @@ from nonsac.problems.contract import Problem
 from nonsac.problems.registration import Registration
 
 _ALIKE = 0.9  # lengths of the edges of a sample; the value of Open3D's examples
+
+_TURN = Lock()
 
 
 def ransac(problem: Problem) -> Library:
@@ -33,15 +37,17 @@ def by_ransac(problem: Registration, values: Array, threshold: float, seed: int,
 
     registration = open3d.pipelines.registration
     pairs, free = Pairs.of(problem, values, threshold), problem.scale is None
-    open3d.utility.random.seed(seed)
-    found = registration.registration_ransac_based_on_correspondence(
-        *_clouds(pairs),
-        max_correspondence_distance=1.0,
-        estimation_method=registration.TransformationEstimationPointToPoint(free),
-        ransac_n=3,
-        checkers=[] if free else [registration.CorrespondenceCheckerBasedOnEdgeLength(_ALIKE)],
-        criteria=registration.RANSACConvergenceCriteria(iterations, CONFIDENCE),
-    )
+    checkers = [] if free else [registration.CorrespondenceCheckerBasedOnEdgeLength(_ALIKE)]
+    with _TURN:
+        open3d.utility.random.seed(seed)
+        found = registration.registration_ransac_based_on_correspondence(
+            *_clouds(pairs),
+            max_correspondence_distance=1.0,
+            estimation_method=registration.TransformationEstimationPointToPoint(free),
+            ransac_n=3,
+            checkers=checkers,
+            criteria=registration.RANSACConvergenceCriteria(iterations, CONFIDENCE),
+        )
     return _model(pairs, found)
 
 
@@ -50,11 +56,13 @@ def by_fast_global(problem: Registration, values: Array, threshold: float, seed:
     import open3d
 
     registration, pairs = open3d.pipelines.registration, Pairs.of(problem, values, threshold)
-    open3d.utility.random.seed(seed)
     option = registration.FastGlobalRegistrationOption(
         use_absolute_scale=True, decrease_mu=True, maximum_correspondence_distance=1.0
     )
-    return _model(pairs, registration.registration_fgr_based_on_correspondence(*_clouds(pairs), option))
+    with _TURN:
+        open3d.utility.random.seed(seed)
+        found = registration.registration_fgr_based_on_correspondence(*_clouds(pairs), option)
+    return _model(pairs, found)
 
 
 def _clouds(pairs: Pairs) -> tuple[Any, Any, Any]:
