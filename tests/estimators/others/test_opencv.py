@@ -94,5 +94,5 @@ def test_three_rows_are_too_few_for_p3p_and_a_fourth_point():
 
 
 def test_magsac_is_not_for_one_view():
-    with pytest.raises(TypeError, match=r"^opencv-magsac is for RelativePose, got AbsolutePose$"):
+    with pytest.raises(TypeError, match=r"^opencv-magsac is for relative poses, got AbsolutePose$"):
         chosen_estimator("opencv-magsac", AbsolutePose())
