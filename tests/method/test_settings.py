@@ -150,7 +150,7 @@ def test_all_that_text_can_say_is_tested():
         *(("draw", text) for text in ("", "Blocks")),
         *(("time_limit", text) for text in ("0", "soon")),
         *(("max_memory", text) for text in ("much", "")),
-        *(("estimator", text) for text in ("magsac", "Ransac")),
+        *(("estimator", text) for text in ("no-such", "Ransac")),
         *(("rule", text) for text in ("best", "tlp_", "ideal")),
         *(("refine", text) for text in ("icp", "Union")),
         *(("workers", text) for text in ("0", "-2", "many")),

@@ -101,8 +101,8 @@ def test_memory_is_told_by_the_message():
 @linux
 def test_what_work_takes():
     with metered() as used:
-        np.ones(20 * MB // 8).sum()
+        np.ones(80 * MB // 8).sum()  # more than the system keeps for this process after earlier work
         time.sleep(0.05)
     assert used.seconds >= 0.05
     assert used.cpu_seconds < used.seconds + 1.0
-    assert 15 * MB < used.memory < 60 * MB
+    assert 70 * MB < used.memory < 120 * MB
