@@ -374,7 +374,7 @@ class Settings:
             lambda value: value,
             _read_estimator,
             "NAME",
-            "Finds a model in one sample: ransac or pcr99.",
+            "Finds a model in one sample, by name: pcr99, ransac, teaser, ...; nonsac compare --list has all.",
             "that of the problem",
         ),
     )

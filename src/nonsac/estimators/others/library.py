@@ -15,6 +15,7 @@ from nonsac.layouts import Array, Rows
 from nonsac.problems.absolute_pose import AbsolutePose
 from nonsac.problems.contract import Problem
 from nonsac.problems.noise import Noise
+from nonsac.problems.registration import Registration
 from nonsac.problems.relative_pose import RelativePose
 from nonsac.result import Hypothesis
 
@@ -46,7 +47,7 @@ class Library(Estimator):
     needs_scale: bool = False
 
     def check(self, problem: Problem) -> None:
-        if self.needs_scale and getattr(problem, "scale", 1.0) is None:
+        if self.needs_scale and isinstance(problem, Registration) and problem.scale is None:
             name = self.solve.__module__.split(".")[-1].replace("_", "-")
             raise ValueError(
                 f"{name} needs a known scale, and the scale is to be estimated: use pcr99 or open3d-ransac"
