@@ -151,7 +151,7 @@ def columns_of(text: str | None) -> list[str | int] | None:
 _CAMERA = f"As in COLMAP's cameras.txt ('{_A_CAMERA}'), or fx,fy,cx,cy, or a file of K (three lines of three numbers)"
 POSE_HELPS = {
     "noise": "Standard deviation of a right match, in pixels; without a camera in normalised coordinates.",
-    "estimator": "Finds a model in one sample, by name: ransac, magsac, poselib, ...; nonsac compare --list has all.",
+    "estimator": "Finds a model in one sample, by name: ransac, magsac, poselib, ...; nonsac compare can list all.",
 }
 
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same answer.")]

@@ -374,7 +374,7 @@ class Settings:
             lambda value: value,
             _read_estimator,
             "NAME",
-            "Finds a model in one sample, by name: pcr99, ransac, teaser, ...; nonsac compare --list has all.",
+            "Finds a model in one sample, by name: pcr99, ransac, teaser, ...; nonsac compare can list all.",
             "that of the problem",
         ),
     )
