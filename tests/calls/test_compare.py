@@ -426,7 +426,44 @@ def test_none_is_recommended_if_trust_is_rare():
     assert comparison(row("a", 0.1, 1.0, trusted=1 / 3)).best is None
     assert comparison(row("a", 0.1, 1.0, trusted=2 / 3)).best is not None
     assert comparison(row("a", 0.0, 1.0)).best is None
-    assert "within 10 degrees of the truth" in comparison(row("a", 0.0, 1.0), truth=True).recommendation
+    assert "no method came near the truth" in comparison(row("a", 0.3, 1.0), truth=True).recommendation
+
+
+def test_none_is_recommended_if_the_default_method_explains_clearly_more():
+    found = replace(comparison(row("a", 0.25, 1.0), row("b", 0.2, 0.1)), default_held_out=0.75)
+    assert found.best is None
+    assert found.recommendation == (
+        "take none: the default method explains 75.0 % of the held-out rows, and none of these more than 25.0 %"
+    )
+    assert replace(found, default_held_out=0.27).best.method == "a"
+
+
+def test_answers_that_agree_with_each_other_and_not_with_the_truth_are_told():
+    rows = [row(name, 0.0, 1.0, agreement=0.1) for name in ("a", "b")]
+    assert "is it the truth, or its inverse?" in comparison(*rows, truth=True).recommendation
+    assert "inverse" not in comparison(rows[0], truth=True).recommendation
+
+
+@pytest.mark.parametrize("wrong", ["shift", "scale"])
+def test_a_wrong_translation_or_scale_is_as_wrong_as_a_rotation(pairs, wrong):
+    truth = pairs.T.copy()
+    if wrong == "shift":
+        truth[:3, 3] += 3.0
+    else:
+        truth[:3] *= 2.0
+    found = compare(
+        "register_pairs",
+        pairs.source,
+        pairs.target,
+        methods=["pcr99"],
+        uses=["alone"],
+        noise=NOISE,
+        repeats=1,
+        truth=truth,
+    )
+    assert found.rows[0].rotation_error < 2.0
+    assert found.rows[0].accuracy == 0.0
+    assert found.best is None
 
 
 def test_dissent_is_told():

@@ -4,6 +4,7 @@ from scipy.spatial.transform import Rotation
 
 import naive
 from nonsac import Noise, Registration, RelativePose, Rows, simulate
+from nonsac.estimators import hough
 from nonsac.estimators.hough import Hough, fullest, quaternions, sides_agree
 from nonsac.testing import check_estimator
 
@@ -143,3 +144,16 @@ def test_wrong_settings_are_refused_by_name():
     for cell in (0.0, -1.0, 181.0, np.nan, "8"):
         with pytest.raises(ValueError, match="cell must be an angle above 0"):
             Hough(cell=cell)
+
+
+def test_of_many_models_that_agree_some_are_enough(rng, monkeypatch):
+    """Where all rows are right, all triplets vote: that must not take longest."""
+    drawn = []
+    counted = hough.sides_agree
+    monkeypatch.setattr(hough, "sides_agree", lambda *a: drawn.append(len(a[0])) or counted(*a))
+    points = rng.random((200, 3))
+    found = hough.Hough().estimate(
+        Registration(), Rows(np.hstack([points, points + np.array([1.0, 2.0, 3.0])])), Noise.given(0.01), rng
+    )
+    assert sum(drawn) <= 20_000
+    assert found.found

@@ -21,9 +21,9 @@ from nonsac.calls.run_arguments import Progress
 from nonsac.estimators.named import ESTIMATORS, chosen_estimator, default_estimator, estimators_for
 from nonsac.evaluation import mean_average_accuracy
 from nonsac.kernels.ahead import compile_for
-from nonsac.layouts import Array
+from nonsac.layouts import Array, Rows
 from nonsac.method.residuals import Residuals
-from nonsac.problems import RelativePose
+from nonsac.problems import AbsolutePose, RelativePose
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.noise import Noise
 from nonsac.problems.pose import rotation_distance
@@ -41,6 +41,7 @@ _ALONE_SIZE = 2000
 _FAR = 20.0  # degrees: what is farther is wrong, no matter how far
 _MOST_REPEATS, _MOST_WORKERS = 1000, 256
 _MODELS, _LITTLE = 8, 0.01
+_POINTS = 1000
 _FIRST_CALL = 60.0  # seconds: kernels may have to be compiled
 
 
@@ -139,7 +140,7 @@ def compare(
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be a function of (done, total), or None, got {shown(progress)}")
     source, problem = opened(call, data, settings)
-    chosen = _chosen_methods(methods, problem, rules)
+    chosen = _chosen_methods(methods, problem, rules, weighted=source.width > problem.width)
     true_model = truth_of(truth, problem)
     name = call.replace("-", "_") if isinstance(call, str) else ""
     if name:
@@ -237,10 +238,11 @@ def _noises(noise: Any) -> tuple[float, ...]:
     return tuple(sorted({_positive("noise", value, "the unit of the residual") for value in values}))
 
 
-def _chosen_methods(methods: Any, problem: Problem, rules: bool) -> dict[str, Any]:
+def _chosen_methods(methods: Any, problem: Problem, rules: bool, weighted: bool) -> dict[str, Any]:
     """The methods by name; the name itself, or what was given for it."""
     if methods is None:
-        return {name: name for name in ([default_estimator(problem)] if rules else estimators_for(problem))}
+        names = [default_estimator(problem)] if rules else estimators_for(problem)
+        return {name: name for name in names if weighted or not ESTIMATORS[name].weighted}
     if isinstance(methods, Mapping):
         for name, method in methods.items():
             if not isinstance(name, str):
@@ -279,11 +281,11 @@ def _check_travels(name: str, method: Any) -> None:
 def _compared(
     data: ComparedData, plan: _Plan, methods: dict[str, Any], truth: Array | None, progress: Progress | None
 ) -> Comparison:
-    measured, remarks = _measured_noise(data, plan)
+    measured, default, remarks = _measured_noise(data, plan)
     judged_at = measured or float(np.median(plan.noises or [0.0])) or None
     cells = plan.cells(measured or _some_noise(data), len(data.seen))
     runs = _all_runs(data, plan, methods, cells, truth, progress)
-    judge = _Judge(data, judged_at, truth)
+    judge = _Judge(data, judged_at, truth, default)
     rows = judge.rows(runs, plan)
     if not len(data.held_out):
         remarks = (*remarks, "there are too few rows to hold some out")
@@ -298,6 +300,7 @@ def _compared(
         remarks=remarks,
         version=VERSION,
         by_rule=bool(plan.counts),
+        default_held_out=judge.default_held_out,
     )
 
 
@@ -305,23 +308,26 @@ def _rank(row: Compared) -> tuple[bool, float, float]:
     return row.outcome != OK, -round(row.merit, 2), np.inf if row.cpu_seconds is None else row.cpu_seconds
 
 
-def _measured_noise(data: ComparedData, plan: _Plan) -> tuple[float | None, tuple[str, ...]]:
-    """The noise that the default method measures, if nobody gives it, or several; and what is to be said of that."""
+def _measured_noise(data: ComparedData, plan: _Plan) -> tuple[float | None, Array | None, tuple[str, ...]]:
+    """The noise that the default method measures, if nobody gives it, or several; its answer, if that is to be trusted.
+
+    And what is to be said of it.
+    """
     if len(plan.noises) == 1:
-        return plan.noises[0], ()
+        return plan.noises[0], None, ()
     process = Confined(reference(data.seen, data.problem, data.call), plan.limits.memory)
     try:
         ended = process.call(Core(None, None, plan.seed), time_limit=plan.limits.seconds)
     finally:
         process.close()
     if ended.reason is not None:
-        return None, (f"the noise could not be measured ({ended.reason}: {ended.detail}); give one",)
+        return None, None, (f"the noise could not be measured ({ended.reason}: {ended.detail}); give one",)
     noise = float(ended.value.noise)
     if not 0.0 < noise < np.inf:
-        return None, ("the noise could not be measured, as nothing was found",)
+        return None, None, ("the noise could not be measured, as nothing was found",)
     if ended.value.status != Status.OK:
-        return noise, ("the noise is that of an answer that is not trusted; give it, if you know it",)
-    return noise, ()
+        return noise, None, ("the noise is that of an answer that is not trusted; give it, if you know it",)
+    return noise, ended.value.model, ()
 
 
 @quiet
@@ -475,15 +481,22 @@ class _Board:
 
 @dataclass(frozen=True, eq=False)
 class _Judge:
-    """Judges all answers alike."""
+    """Judges all answers alike; `default` is that of the default method, which measured the noise."""
 
     data: ComparedData
     noise: float | None
     truth: Array | None
+    default: Array | None = None
+
+    @property
+    def default_held_out(self) -> float | None:
+        """Share of the held-out rows that the answer of the default method explains."""
+        return None if self.default is None else self._held_out(self.default)
 
     def rows(self, runs: Sequence[_CellRuns], plan: _Plan) -> list[Compared]:
         by_row = [each for cell in runs for each in _by_row(cell, plan, self.truth)]
-        consensus = self._consensus([run.model for _, found in by_row for run in found if run.model is not None])
+        models = [run.model for _, found in by_row for run in found if run.model is not None]
+        consensus = self._consensus(models if self.default is None else [*models, self.default])
         return [self._judged(row, found, consensus) for row, found in by_row]
 
     def _judged(self, row: Compared, found: Sequence[Run], consensus: Array | None) -> Compared:
@@ -502,7 +515,7 @@ class _Judge:
             row = replace(
                 row,
                 accuracy=accuracy,
-                rotation_error=_median(errors),
+                rotation_error=_median([self._rotation_error(model) for model in models]),
                 translation_error=_median([self._translation_error(model) for model in models]),
             )
             merit = accuracy
@@ -533,26 +546,41 @@ class _Judge:
 
     @quiet
     def _distance(self, model: Array | None, other: Array) -> float:
-        """In degrees; NaN without a model."""
+        """In degrees, the larger of those of rotation and translation; NaN without a model."""
         if model is None:
             return float("nan")
-        if self.data.problem.transform(other) is not None:
-            return float(rotation_distance(_rotation(model), _rotation(other)))
-        return float(self.data.problem.distance(model, other))
+        if self.data.problem.transform(other) is None:
+            return float(self.data.problem.distance(model, other))
+        return max(float(rotation_distance(_rotation(model), _rotation(other))), self._shift_angle(model, other))
+
+    def _shift_angle(self, model: Array, other: Array) -> float:
+        """Between the directions of t; or how far points move apart, seen over the extent of the scene."""
+        if isinstance(self.data.problem, RelativePose):
+            return _angle_between(model[:, 3], other[:, 3])
+        rows = self.data.held_out if len(self.data.held_out) else self.data.seen.take(np.arange(len(self.data.seen)))
+        values = rows.values if isinstance(rows, Rows) else rows
+        points = values[:_POINTS, 2:5] if isinstance(self.data.problem, AbsolutePose) else values[:_POINTS, :3]
+        moved, there = (points @ each[:, :3].T + each[:, 3] for each in (model, other))
+        extent = float(np.median(np.linalg.norm(there - np.median(there, axis=0), axis=1)))
+        apart = float(np.median(np.linalg.norm(moved - there, axis=1)))
+        return float(np.degrees(np.arctan2(apart, extent)))
 
     def _error(self, model: Array | None) -> float:
         assert self.truth is not None
         return self._distance(model, self.truth)
 
+    def _rotation_error(self, model: Array | None) -> float:
+        if model is None or self.truth is None or self.data.problem.transform(self.truth) is None:
+            return self._error(model)
+        return float(rotation_distance(_rotation(model), _rotation(self.truth)))
+
     @quiet
     def _translation_error(self, model: Array | None) -> float:
         if model is None or self.truth is None or self.data.problem.transform(self.truth) is None:
             return float("nan")
-        a, b = model[:, 3], self.truth[:, 3]
-        if not isinstance(self.data.problem, RelativePose):
-            return float(np.linalg.norm(a - b))
-        a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-        return float(np.degrees(2.0 * np.arcsin(min(0.5 * float(np.linalg.norm(a - b)), 1.0))))
+        if isinstance(self.data.problem, RelativePose):
+            return _angle_between(model[:, 3], self.truth[:, 3])
+        return float(np.linalg.norm(model[:, 3] - self.truth[:, 3]))
 
     def _consensus(self, models: Sequence[Array]) -> Array | None:
         """The answer that is nearest to all, each counted by the held-out rows that fit it."""
@@ -563,6 +591,12 @@ class _Judge:
             weights @ np.minimum(np.nan_to_num([self._distance(b, a) for b in models], nan=_FAR), _FAR) for a in models
         ]
         return models[int(np.argmin(costs))]
+
+
+def _angle_between(a: Array, b: Array) -> float:
+    """Degrees between two directions."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    return float(np.degrees(2.0 * np.arcsin(min(0.5 * float(np.linalg.norm(a - b)), 1.0))))
 
 
 def _rotation(model: Array) -> Array:

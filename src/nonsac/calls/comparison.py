@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 OK, NOT_INSTALLED = "ok", "not installed"
 NEARLY_AS_GOOD, _AS_GOOD = 0.9, 1.01
-_OFTEN_ENOUGH, _APART = 0.5, 5.0  # of the runs; degrees
+_OFTEN_ENOUGH, _APART, _NEAR = 0.5, 5.0, 1.0  # of the runs; degrees
+_RIGHT = 0.3  # mAA
 _NOBODY, _WIDTH, _SHORT, _LEAST_ANGLE = "take none: ", 160, 48, 0.001
 
 
@@ -44,7 +45,8 @@ class Compared:
     runs, repeats : int
         How many runs ended, of how many.
     accuracy : float or None
-        mAA over the repeats up to 10 degrees of rotation (`nonsac.evaluation`), with a truth.
+        With a truth: mAA over the repeats up to 10 degrees (`nonsac.evaluation`) of the larger error, of rotation or
+        of translation; that of a motion of points is how far they are off, seen over the extent of the scene.
     rotation_error, translation_error : float or None
         Medians: degrees, and of a relative pose the angle of the direction of t in degrees, else its length.
     held_out : float or None
@@ -118,6 +120,11 @@ class Comparison:
         What else is to be said.
     version : str
         Of nonsac.
+    by_rule : bool
+        Whether rules were compared.
+    default_held_out : float or None
+        Share of the held-out rows that fit the answer of the default method, which measured the noise, if it is to be
+        trusted.
     """
 
     call: str
@@ -130,20 +137,26 @@ class Comparison:
     remarks: tuple[str, ...] = ()
     version: str = ""
     by_rule: bool = field(default=False)
+    default_held_out: float | None = None
 
     @property
     def best(self) -> Compared | None:
         """The one to take: of those that are the best or within 10 % of it, the one that takes least CPU time.
 
-        None if none is right (with a truth), or trusted in half of its runs at least.
+        None if none is right (with a truth: an mAA above .3), or trusted in half of its runs at least, or if the
+        default method explains clearly more of the rows.
         """
-        usable = [row for row in self.rows if row.merit > 0.0 and row.use != "ideal"]
+        least = _RIGHT if self.truth else 0.0
+        usable = [row for row in self.rows if row.merit > least and row.use != "ideal"]
         if not usable:
             return None
         top = max(usable, key=lambda row: row.merit)
         if not self.truth and max(row.trusted or 0.0 for row in self.rows) < _OFTEN_ENOUGH:
             return None
-        good = [row for row in usable if row.merit >= NEARLY_AS_GOOD * top.merit]
+        most = top.merit if self.truth else max(top.merit, self.default_held_out or 0.0)
+        good = [row for row in usable if row.merit >= NEARLY_AS_GOOD * most]
+        if not good:
+            return None
         return min(good, key=lambda row: (math.inf if row.cpu_seconds is None else row.cpu_seconds, -row.merit))
 
     @property
@@ -154,7 +167,13 @@ class Comparison:
             if all(row.outcome != OK for row in self.rows):
                 return f"{_NOBODY}no method gave an answer on these data"
             if self.truth:
-                return f"{_NOBODY}no method came within 10 degrees of the truth"
+                return f"{_NOBODY}no method came near the truth in most of its runs{self._doubt_of_truth()}"
+            merit = max((row.merit for row in self.rows), default=0.0)
+            if merit > 0.0 and NEARLY_AS_GOOD * (self.default_held_out or 0.0) > merit:
+                return (
+                    f"{_NOBODY}the default method explains {_percent(self.default_held_out)} of the held-out rows, and "
+                    f"none of these more than {_percent(merit)}"
+                )
             return f"{_NOBODY}no method gave an answer to be trusted on these data"
         what = f"mAA {best.accuracy:.2f}" if self.truth else f"{_percent(best.held_out)} of the held-out rows fit"
         top = max((row for row in self.rows if row.use != "ideal"), key=lambda row: row.merit)
@@ -163,6 +182,14 @@ class Comparison:
             most = f"{top.accuracy:.2f}" if self.truth else _percent(top.merit)
             told += f"; the best is {top.name} ({most}, {_seconds(top.cpu_seconds)})"
         return told + self._distrust(best) + self._dissent(best)
+
+    def _doubt_of_truth(self) -> str:
+        """What is said if answers that are trusted agree with each other, and not with the truth."""
+        agreeing = [row for row in self.rows if (row.trusted or 0.0) >= _OFTEN_ENOUGH and row.agreement is not None]
+        close = [row for row in agreeing if row.agreement is not None and row.agreement < _NEAR]
+        return (
+            "; those that are trusted agree with each other: is it the truth, or its inverse?" if len(close) > 1 else ""
+        )
 
     def _distrust(self, best: Compared) -> str:
         """What is said if our verdict does not trust what is right."""

@@ -103,9 +103,11 @@ class Call:
 
     def _check_estimator(self, name: str) -> None:
         from nonsac import problems
-        from nonsac.estimators.named import chosen_estimator, default_estimator
+        from nonsac.estimators.named import ESTIMATORS, chosen_estimator, default_estimator
 
         problem = getattr(problems, self.problem_name)()
+        if ESTIMATORS[name].fits(problem) and not ESTIMATORS[name].is_installed:
+            chosen_estimator(name, problem)
         try:
             chosen_estimator(name, problem)
         except (TypeError, ValueError) as error:

@@ -246,7 +246,7 @@ class _Inputs:
     def opened(self, settings: dict[str, Any], seed: int) -> tuple[str, tuple[Any, ...], Any]:
         """The call, what it takes first, and the truth, if it is known."""
         if self.simulation is not None:
-            return self._simulated(self.simulation, seed)
+            return self._simulated(self.simulation, settings, seed)
         if self.file is None:
             raise bad("DATA", "name a file of matches, or give --simulate; --list names the methods")
         files = (self.file,) if self.second is None else (self.file, self.second)
@@ -256,12 +256,15 @@ class _Inputs:
                 raise bad(f"--{name}", f"{CALLS[call].command} has no such option; leave it out")
         return call, files, self.truth
 
-    def _simulated(self, text: str, seed: int) -> tuple[str, tuple[Any, ...], Any]:
+    def _simulated(self, text: str, settings: dict[str, Any], seed: int) -> tuple[str, tuple[Any, ...], Any]:
         from nonsac import simulate as generators
 
         for name, value in (("DATA", self.file), ("--truth", self.truth)):
             if value is not None:
                 raise bad(name, "the data are simulated, and their truth is known; leave it out")
+        for name in settings:
+            if name != "scale":
+                raise bad(f"--{name}", "the data are simulated, in normalised coordinates; leave it out")
         if self.problem is None:
             raise bad("--problem", "say what is to be simulated: relative-pose, absolute-pose or register-pairs")
         rows, outlier_ratio, noise = _listed(text, float)

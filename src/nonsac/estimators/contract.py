@@ -41,6 +41,11 @@ class Estimator(ABC):
             costs this sample only: it is kept in `Hypothesis.fault`, and the result says so.
         """
 
+    @property
+    def needs_weights(self) -> bool:
+        """Whether rows must have weights; by default not."""
+        return False
+
     def check(self, problem: Problem) -> None:
         """Raise TypeError or ValueError if this estimator cannot work on the problem; by default it can."""
         return None

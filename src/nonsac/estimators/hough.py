@@ -20,6 +20,10 @@ from nonsac.values.numeric import as_real, as_whole, shown
 
 _BATCH = 10_000
 _MOST_COUNTED = 500
+_ENOUGH = 10_000  # models
+_HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64).view(
+    np.int64
+)
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,8 @@ class Hough(Estimator):
         """The models of all triplets whose sides agree."""
         found = [np.empty((0, *problem.model_shape))]
         for start in range(0, self.triplets if len(rows) >= problem.minimal_size else 0, _BATCH):
+            if sum(map(len, found)) >= _ENOUGH:  # where most rows are right, nearly all triplets agree
+                break
             count = min(_BATCH, self.triplets - start)
             samples = gathered(rows.values, minimal_samples(len(rows), 3, count, rng, rows.mean_weights))
             found.append(solved(problem, samples[sides_agree(samples, problem.scale, threshold)]))
@@ -113,7 +119,7 @@ def fullest(models: Array, cell: float, peaks: int) -> NDArray[np.int64]:
     width, chosen, sizes = np.radians(cell) / 2.0, [], []
     for shift in (0.0, 0.5):
         places = np.floor(np.vstack([q, -q]) / width + shift).astype(np.int64)
-        cells, votes = np.unique(places, axis=0, return_inverse=True, return_counts=True)[1:]
+        cells, votes = np.unique((places * _HASH).sum(axis=1), return_inverse=True, return_counts=True)[1:]
         for number in np.argsort(-votes, kind="stable")[: 2 * peaks]:
             chosen.append(np.flatnonzero(cells.ravel() == number) % len(models))
             sizes.append(votes[number])

@@ -30,6 +30,8 @@ class Named:
         Module of another library.
     extra : str or None
         The extra of this package that installs it, `pip install "nonsac[extra]"`.
+    weighted : bool
+        Whether it needs rows with weights.
     """
 
     where: str
@@ -37,6 +39,7 @@ class Named:
     problems: tuple[str, ...] = ()
     needs: str | None = None
     extra: str | None = None
+    weighted: bool = False
 
     def fits(self, problem: Problem) -> bool:
         """Whether it is for this kind of problem; its own `check` has the last word."""
@@ -66,7 +69,9 @@ ESTIMATORS: dict[str, Named] = {
     "pcr99": Named("pcr99:default", "PCR-99, pairs ranked by consistency (Lee et al. 2024; NONSAC, Sec. 4.3)", _PAIRS),
     "msac": Named("usac:msac", "RANSAC with a truncated quadratic score (Torr and Zisserman 2000)"),
     "lo-ransac": Named("inner_ransac:lo_ransac", "RANSAC with an inner RANSAC among inliers (Chum et al. 2003)"),
-    "prosac": Named("prosac:prosac", "PROSAC, rows drawn in the order of their weights (Chum and Matas 2005)"),
+    "prosac": Named(
+        "prosac:prosac", "PROSAC, rows drawn in the order of their weights (Chum and Matas 2005)", weighted=True
+    ),
     "magsac": Named("usac:magsac", "MAGSAC++, a score and a fit without one noise level (Barath et al. 2020)"),
     "gc-ransac": Named("graph_cut:gc_ransac", "RANSAC, inliers labelled with their neighbours (Barath and Matas 2018)"),
     "gnc-tls": Named("graduated:gnc_tls", "Graduated non-convexity, truncated least squares (Yang et al. 2020)"),

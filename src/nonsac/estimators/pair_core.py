@@ -47,7 +47,7 @@ class PairCore(Estimator):
         if not isinstance(problem, Registration):
             raise TypeError(f"{name} estimates 3D registrations only, got {type(problem).__name__}")
         if problem.scale is None and not self.finds_scale:
-            raise ValueError(f'{name} needs a known scale; for a free one there are "pcr99" and "teaser"')
+            raise ValueError(f"{name} needs a known scale; pcr99, teaser and ransac, for three, find a free one")
         return problem
 
     def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:

@@ -53,6 +53,8 @@ class Progressive(Sampler):
         if not 0.0 < as_real(self.chance) < 1.0:
             raise ValueError(f"chance must be between 0 and 1, got {shown(self.chance)}")
 
+    needs_weights = True
+
     def why_not(self, rows: Rows) -> str:
         return "PROSAC draws rows in the order of their weights, and these have none" if rows.weights is None else ""
 

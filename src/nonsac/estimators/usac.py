@@ -71,6 +71,8 @@ class Sampler(ABC):
     def needed(self, consensus: Consensus, model: Array, confidence: float) -> int:
         """How many samples are enough if this is the best model so far."""
 
+    needs_weights: bool = False
+
     def why_not(self, rows: Rows) -> str:
         """Why it cannot draw from these rows, in words; nothing if it can."""
         return ""
@@ -187,6 +189,10 @@ class Usac(Estimator):
             if not isinstance(getattr(self, name), kind):
                 word = name if name == "score" else "local optimiser" if name == "optimiser" else name
                 raise TypeError(f"{name} must be a {word} of a class of nonsac, got {shown(getattr(self, name))}")
+
+    @property
+    def needs_weights(self) -> bool:
+        return self.sampler.needs_weights
 
     def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
         consensus = Consensus(problem, rows, noise.threshold, self.score)

@@ -40,6 +40,11 @@ _ENOUGH_MODELS, _ENOUGH_FOR_EACH_SAMPLE = 125_000, 1250
 @quiet
 def run(source: Source, problem: Problem, estimator: Estimator, settings: Settings, stop: Stop | None = None) -> Result:
     """Estimate a model from a source whose rows fit the problem."""
+    if estimator.needs_weights and source.width <= problem.width:
+        raise ValueError(
+            "this estimator draws rows in the order of their weights, and these have none: give weights=, or a column "
+            "weight"
+        )
     budget = Budget.of(source, problem, estimator, settings)
     seed = canonical_seed(settings.rng)
     deadline = None if settings.time_limit is None else time.perf_counter() + settings.time_limit

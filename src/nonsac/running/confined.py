@@ -21,7 +21,17 @@ from nonsac.running.processes import CannotStart, check_may_start, end_with_pare
 
 _PATIENCE = 1.0  # seconds, between the end of a pipe and that of its process
 _TOLD = 200  # characters of what a process said last
-_OF_MEMORY = ("MemoryError", "bad_alloc", "ArrayMemoryError", "Unable to allocate", "Cannot allocate memory")
+# What libraries say that cannot be loaded, or start threads, within the limit is among it.
+_OF_MEMORY = (
+    "MemoryError",
+    "bad_alloc",
+    "ArrayMemoryError",
+    "Unable to allocate",
+    "Cannot allocate memory",
+    "Memory allocation",
+    "Could not find/load shared object",
+    "failed to map segment",
+)
 
 
 class Reason(StrEnum):

@@ -87,7 +87,7 @@ def test_a_scale_that_is_to_be_estimated_is_refused(name):
     name_of_file = OTHERS[name].where.split(".")[1].split(":")[0].replace("_", "-")
     with pytest.raises(
         ValueError,
-        match=f"^{name_of_file} needs a known scale, and the scale is to be estimated: use pcr99 or open3d-ransac$",
+        match=f"^{name_of_file} needs a known scale, and the scale is to be estimated: use pcr99, teaser or ransac$",
     ):
         chosen_estimator(name, Registration(None))
 

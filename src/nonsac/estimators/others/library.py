@@ -50,7 +50,7 @@ class Library(Estimator):
         if self.needs_scale and isinstance(problem, Registration) and problem.scale is None:
             name = self.solve.__module__.split(".")[-1].replace("_", "-")
             raise ValueError(
-                f"{name} needs a known scale, and the scale is to be estimated: use pcr99 or open3d-ransac"
+                f"{name} needs a known scale, and the scale is to be estimated: use pcr99, teaser or ransac"
             )
 
     def estimate(self, problem: Problem, rows: Rows, noise: Noise, rng: np.random.Generator) -> Hypothesis:
