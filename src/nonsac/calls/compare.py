@@ -21,9 +21,9 @@ from nonsac.calls.run_arguments import Progress
 from nonsac.estimators.named import ESTIMATORS, chosen_estimator, default_estimator, estimators_for
 from nonsac.evaluation import mean_average_accuracy
 from nonsac.kernels.ahead import compile_for
-from nonsac.layouts import Array, Rows
+from nonsac.layouts import Array
 from nonsac.method.residuals import Residuals
-from nonsac.problems import AbsolutePose, RelativePose
+from nonsac.problems import RelativePose
 from nonsac.problems.contract import Problem, solved
 from nonsac.problems.noise import Noise
 from nonsac.problems.pose import rotation_distance
@@ -557,13 +557,18 @@ class _Judge:
         """Between the directions of t; or how far points move apart, seen over the extent of the scene."""
         if isinstance(self.data.problem, RelativePose):
             return _angle_between(model[:, 3], other[:, 3])
-        rows = self.data.held_out if len(self.data.held_out) else self.data.seen.take(np.arange(len(self.data.seen)))
-        values = rows.values if isinstance(rows, Rows) else rows
-        points = values[:_POINTS, 2:5] if isinstance(self.data.problem, AbsolutePose) else values[:_POINTS, :3]
+        points = self._points
         moved, there = (points @ each[:, :3].T + each[:, 3] for each in (model, other))
         extent = float(np.median(np.linalg.norm(there - np.median(there, axis=0), axis=1)))
         apart = float(np.median(np.linalg.norm(moved - there, axis=1)))
         return float(np.degrees(np.arctan2(apart, extent)))
+
+    @cached_property
+    def _points(self) -> Array:
+        """Some points (n, 3) that a motion moves: of the source, or of the world."""
+        data, few = self.data, np.arange(min(len(self.data.seen), _POINTS), dtype=np.int64)
+        rows = data.held_out.values[:_POINTS] if len(data.held_out) else data.seen.take(few)[:, : data.problem.width]
+        return next(half for half in data.problem.layout.parts(rows) if half.shape[1] == 3)
 
     def _error(self, model: Array | None) -> float:
         assert self.truth is not None

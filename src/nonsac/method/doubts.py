@@ -105,6 +105,8 @@ def slipping_apart(problem: Problem, model: Array, rows: Rows, noise: Noise, res
     Errors have all directions, or one. Matches that slip around a round base err along its rotation alone, each by an
     angle of its own. A threshold may end too soon to tell, or be so large that it has other rows in it.
     """
+    if problem.residual_dimension < 2:
+        return 0.0
     near = (rows[residuals.of_rows < factor * noise.threshold].some(_MOST).values for factor in _WIDER)
     across = 1.0 - max(problem.share_of_one_motion(model, each, noise) for each in near)
     usual = _LEAST_ACROSS / _OFTEN_ACROSS
